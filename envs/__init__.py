@@ -1,0 +1,1 @@
+"""The domains, one file each; import them as ``motion_gym.envs``."""

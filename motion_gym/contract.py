@@ -1,0 +1,209 @@
+"""The contract: what flows between domains, predictors and the harness.
+
+Arrays are float32 numpy. The agents of all scenes are stacked, and scenes are delimited as in CSR matrices: the
+agents of scene ``s`` are ``scene[s]:scene[s + 1]``. Positions are metres in the world frame of the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+HISTORY = 8
+"""Observed steps."""
+FUTURE = 12
+"""Forecast steps."""
+WINDOW = HISTORY + FUTURE
+"""Steps of a window: 8 of history and 12 of future."""
+
+
+class MotionGymError(Exception):
+    """What motion-gym raises when it, and not the caller's code, sees what is wrong."""
+
+
+class DataError(MotionGymError, ValueError):
+    """A recording or a data file is missing, damaged or not what it should be."""
+
+
+class SpecError(MotionGymError, ValueError):
+    """A name or a parameter is not known, or a value is not allowed."""
+
+
+class PredictorError(MotionGymError, ValueError):
+    """A predictor broke its contract."""
+
+
+class ActionError(MotionGymError, ValueError):
+    """An action given to an environment is not a forecast that it can take."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Tracks of one place, as columns of equal length, sorted by frame and agent.
+
+    Attributes:
+        frame: [R] int64, frame number as in the source. Time is counted in *listed* frames: two frames that follow
+            each other in ``numpy.unique(frame)`` are one step apart, as in the released program of the paper.
+        agent: [R] int64, id of the agent in this recording.
+        xy: [R, 2] float64, metres, world frame.
+        dt: Seconds per step.
+        name: Where it comes from, for messages.
+    """
+
+    frame: np.ndarray
+    agent: np.ndarray
+    xy: np.ndarray
+    dt: float
+    name: str = "recording"
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What a predictor sees.
+
+    Attributes:
+        history: [A, 8, F] float32; x, y and, in some domains, further features per step; metres, world frame,
+            oldest first.
+        scene: [S + 1] int64; agents of scene ``s`` are ``scene[s]:scene[s + 1]``.
+        agent: [A] int64; stable id of each agent within its domain and split.
+        dt: Seconds per step.
+    """
+
+    history: np.ndarray
+    scene: np.ndarray
+    agent: np.ndarray
+    dt: float
+
+    def __len__(self) -> int:
+        """Number of agents, all scenes together."""
+        return len(self.history)
+
+    @property
+    def scenes(self) -> int:
+        """Number of scenes."""
+        return len(self.scene) - 1
+
+    @property
+    def xy(self) -> np.ndarray:
+        """[A, 8, 2] positions without further features."""
+        return self.history[..., :2]
+
+    @property
+    def scene_index(self) -> np.ndarray:
+        """[A] int64, the scene that each agent belongs to."""
+        return np.repeat(np.arange(self.scenes), np.diff(self.scene))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What happened after an observation.
+
+    Attributes:
+        future: [A, 12, 2] float32, metres, world frame; zero where not known.
+        known: [A, 12] bool; False for steps that never happened (the agent left) or are not yet revealed.
+        observation: The Observation that this truth answers.
+    """
+
+    future: np.ndarray
+    known: np.ndarray
+    observation: Observation
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Positions of each agent at the 12 future steps, K samples.
+
+    Attributes:
+        positions: [A, K, 12, 2] float32, metres, world frame. The samples of a scene's agents belong together: sample
+            k of the scene is sample k of each of its agents.
+        weights: [A, K] float32 or None, how likely each sample is; None means equally likely.
+    """
+
+    positions: np.ndarray
+    weights: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a domain is, for tables and result files.
+
+    Attributes:
+        name: Name in the table of domains.
+        parameters: Every parameter with its value.
+        dt: Seconds per step.
+        unit: Unit of positions.
+        features: Names of the features of a history, in order.
+        side_channels: Those features that read the future (oracle side channels).
+        counts: Windows, scenes and agents of each split.
+        source: Where the data comes from.
+        terms: Terms of use of the data.
+        files: sha256 of each data file.
+        oracle: Name of the oracle predictor of this domain, if it has one.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+    dt: float
+    unit: str = "m"
+    features: tuple[str, ...] = ("x", "y")
+    side_channels: tuple[str, ...] = ()
+    counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    source: str = ""
+    terms: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
+    oracle: str | None = None
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """Anything that turns observations into forecasts; no base class is needed.
+
+    Optional methods, used where they exist:
+        ``observe(truth)``: sees revealed truth, or reference scenes, after they were scored; may change state.
+        ``reset()``: forget everything observed since construction; called at the start of every stream and domain.
+        ``fit(train, validation, seed)``: learn from two sequences of Truth, one per environment; returns self.
+        ``save(path)`` and ``load(path)``: weights on disk.
+        ``know(domain)``: oracles only; receives the domain itself. Whoever has it is labelled *oracle* everywhere.
+    """
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast | np.ndarray:
+        """Forecast every agent of an observation.
+
+        Pure: the same state, input and seed give the same answer; nothing is learned here, and the input is not
+        changed. A stochastic predictor draws only from ``seed``; a deterministic one may give fewer than ``samples``
+        samples (its one forecast then stands for all of them).
+
+        Args:
+            observation: A agents in S scenes.
+            samples: K, the number of samples asked for.
+            seed: Source of all randomness.
+
+        Returns:
+            Forecast, or its positions alone: [A, K, 12, 2] float32, metres, world frame.
+        """
+        ...
+
+
+@runtime_checkable
+class Domain(Protocol):
+    """A source of recordings; one class in one file."""
+
+    @property
+    def card(self) -> Card:
+        """What this domain is."""
+        ...
+
+    def recordings(self, split: str) -> Sequence[Recording]:
+        """Recordings of a split, for the stream clock."""
+        ...
+
+    def windows(self, split: str) -> Truth:
+        """Every window of a split with its Observation, stacked."""
+        ...
+
+    def reference(self) -> Truth:
+        """Reference scenes, disjoint from ``windows("test")``; may be empty."""
+        ...

@@ -1,0 +1,1 @@
+"""The predictors, one file each; import them as ``motion_gym.predictors``."""
