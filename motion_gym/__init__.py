@@ -1,3 +1,63 @@
 """motion-gym: test motion forecasters on places, sensors and crowds they were not trained on."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from motion_gym.catalog import domain, predictor
+from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, Predictor, Recording, Truth
+from motion_gym.registration import register_all
+
+if TYPE_CHECKING:
+    from motion_gym.checks import check_domain, check_predictor
+    from motion_gym.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
+    from motion_gym.evaluation import Scorecard, evaluate
+    from motion_gym.leaks import leak_probe
+    from motion_gym.parallel import parallel_env
+    from motion_gym.recordings import read_recording
+
 __version__ = "0.1.0"
+
+# Loaded when first used, so that importing motion_gym costs little.
+_LAZY = {
+    "Scorecard": "motion_gym.evaluation",
+    "check_domain": "motion_gym.checks",
+    "check_predictor": "motion_gym.checks",
+    "evaluate": "motion_gym.evaluation",
+    "forecast_to_dict": "motion_gym.dicts",
+    "leak_probe": "motion_gym.leaks",
+    "observation_from_dict": "motion_gym.dicts",
+    "parallel_env": "motion_gym.parallel",
+    "read_recording": "motion_gym.recordings",
+    "truth_from_infos": "motion_gym.dicts",
+}
+
+__all__ = [
+    "FUTURE",
+    "HISTORY",
+    "Domain",
+    "Forecast",
+    "Observation",
+    "Predictor",
+    "Recording",
+    "Scorecard",
+    "Truth",
+    "check_domain",
+    "check_predictor",
+    "domain",
+    "evaluate",
+    "forecast_to_dict",
+    "leak_probe",
+    "observation_from_dict",
+    "parallel_env",
+    "predictor",
+    "read_recording",
+    "truth_from_infos",
+]
+
+register_all()
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
+    raise AttributeError(f"module 'motion_gym' has no attribute '{name}'")

@@ -1,0 +1,231 @@
+"""ETH-UCY: pedestrians at five places, with the noise feature of the paper's spurious-shift experiment."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from motion_gym import datasets
+from motion_gym.catalog import suggest
+from motion_gym.contract import HISTORY, Recording, SpecError
+from motion_gym.domains import RecordedDomain
+from motion_gym.recordings import read_recording
+
+PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
+LOCATION = {"eth": "eth", "eth6": "eth", "hotel": "hotel", "univ": "univ", "zara1": "zara", "zara2": "zara"}
+"""Places that share a location look at the same ground: zara1, zara2 (and its further recording zara3) are one."""
+
+TRAIN_SHARE = 0.8
+SOURCE_ALPHAS = (1.0, 2.0, 4.0, 8.0)
+
+
+class EthUcy(RecordedDomain):
+    """Pedestrians of ETH-UCY, one place.
+
+    ## Description
+    Annotated pedestrians seen from above, a step of 0.4 s (see ``Eth`` for an exception), 8 steps observed, 12 to
+    forecast. With ``alpha`` each observed step carries a third value, the *observation noise* sigma, whose link to
+    the future is scaled by alpha: the spurious feature of "Towards Robust and Adaptive Motion Forecasting: A Causal
+    Representation Perspective" (CVPR 2022), section 4.1.
+
+    ## Observation
+    x and y in metres, rounded to 4 decimals as in the released program, and sigma where it is switched on.
+    ``sigma="paper"`` reads steps t + 8, which is the future: it is an *oracle side channel*, and labelled so
+    everywhere. ``sigma="past"`` is built in the same manner from the observed steps alone.
+
+    ## Splits
+    ``train`` is the first 80 % of the distinct frames of every recording of the place, ``val`` the rest; ``test`` is
+    the whole of the recordings that published evaluations test on. A place is therefore a source or a target, never
+    both at once. ``reference`` is the first ``reference_share`` of the frames, which then leave ``test``.
+
+    ## Arguments
+    Args:
+        alpha: Strength of the noise feature, > 0; None for none.
+        sigma: ``"none"``, ``"paper"`` or ``"past"``; by default ``"paper"`` if alpha is given, else ``"none"``.
+        curvature: ``"norm"`` of the change of velocity (released program) or ``"squared"`` (the paper's Eq. 7).
+        min_agents: Smallest number of complete agents in a window; published evaluations use 2.
+        stride: Listed frames between the starts of two windows.
+        reference_share: Share of the frames, from the start, that are kept out of ``test`` as reference scenes.
+
+    ## Credits
+    Pellegrini et al., "You'll never walk alone", ICCV 2009; Lerner et al., "Crowds by example", 2007.
+    """
+
+    place: ClassVar[str]
+    training_files: ClassVar[tuple[str, ...]]
+    test_files: ClassVar[tuple[str, ...]]
+    columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
+    source = "ETH (BIWI walking pedestrians) and UCY (crowds by example)"
+    terms = "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
+
+    def __init__(
+        self,
+        alpha: float | None = None,
+        sigma: str | None = None,
+        curvature: str = "norm",
+        min_agents: int = 2,
+        stride: int = 1,
+        reference_share: float = 0.0,
+    ):
+        self.name = self.place  # type: ignore[misc]
+        self.sigma = sigma or ("none" if alpha is None else "paper")
+        _one_of(self.place, "sigma", self.sigma, ("none", "paper", "past"))
+        _one_of(self.place, "curvature", curvature, ("norm", "squared"))
+        if alpha is not None and (isinstance(alpha, (bool, str)) or not 0 < alpha < math.inf):
+            raise SpecError(f"`alpha={alpha}` of domain `{self.place}` must be a number above 0, as in alpha=64.")
+        if alpha is not None and self.sigma == "none":
+            raise SpecError(f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past.")
+        for key, value in (("min_agents", min_agents), ("stride", stride)):
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise SpecError(f"`{key}={value}` of domain `{self.place}` must be a whole number, 1 or more.")
+        if not 0 <= reference_share < 1:
+            raise SpecError(f"`reference_share={reference_share}` of domain `{self.place}` must be in [0, 1).")
+        self.alpha = alpha if alpha is None or self.sigma == "none" else float(alpha)
+        if self.sigma != "none" and alpha is None:
+            self.alpha = 1.0
+        self.curvature = curvature
+        self.min_agents = min_agents
+        self.stride = stride
+        self.reference_share = reference_share
+        self.feature_names = ("sigma",) if self.sigma == "past" else ()
+        self.side_channel_names = ("sigma",) if self.sigma == "paper" else ()
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """sha256 of each data file of the test split."""
+        return {f.name: f.sha256 for f in datasets.dataset("eth_ucy").files if f.name in self.test_files}
+
+    def recordings(self, split: str) -> list[Recording]:
+        """Recordings of a split, cut by frames and rounded to 4 decimals."""
+        self.check_split(split)
+        names = self.training_files if split in ("train", "val") else self.test_files
+        return [part for name in names if len((part := self._cut(self._read(name), split)).frame)]
+
+    def _read(self, name: str) -> Recording:
+        recording = read_recording(datasets.locate("eth_ucy", name), dt=self.dt, columns=self.columns)
+        return dataclasses.replace(recording, xy=np.round(recording.xy, 4))
+
+    def _cut(self, recording: Recording, split: str) -> Recording:
+        frames = np.unique(recording.frame)
+        share = TRAIN_SHARE if split in ("train", "val") else self.reference_share
+        cut = math.floor(share * len(frames))
+        chosen = frames[:cut] if split in ("train", "reference") else frames[cut:]
+        if len(chosen) == len(frames):
+            return recording
+        if not len(chosen):
+            keep = np.zeros(len(recording.frame), bool)
+        else:
+            keep = (recording.frame >= chosen[0]) & (recording.frame <= chosen[-1])
+        return dataclasses.replace(
+            recording, frame=recording.frame[keep], agent=recording.agent[keep], xy=recording.xy[keep]
+        )
+
+    def side_channels(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """sigma of the released program, which reads 8 steps ahead: [A, 8, 1].
+
+        Where an agent leaves before, its last known velocity is held (this happens on the stream clock only).
+        """
+        velocity = np.zeros_like(positions)
+        velocity[:, 1:] = np.round(np.diff(positions, axis=1), 4)
+        last = known.sum(axis=1) - 1
+        step = np.minimum(np.arange(known.shape[1]), last[:, None])
+        velocity = np.take_along_axis(velocity, step[..., None], axis=1)
+        return self._noise(velocity[:, HISTORY : 2 * HISTORY] - velocity[:, :HISTORY])
+
+    def features(self, history: np.ndarray) -> np.ndarray:
+        """sigma from the observed steps: the change of velocity from the step before, 0 where there is none."""
+        velocity = np.round(np.diff(history, axis=1), 4)
+        change = np.zeros_like(history)
+        change[:, 2:] = np.diff(velocity, axis=1)
+        return self._noise(change)
+
+    def _noise(self, change: np.ndarray) -> np.ndarray:
+        length = np.hypot(change[..., 0], change[..., 1])
+        gamma = length if self.curvature == "norm" else length**2
+        return (self.alpha or 0.0) * (gamma[..., None] + 1)
+
+    def sources(self, design: str = "paper", by: str = "place") -> list[EthUcy]:  # type: ignore[override]
+        """The domains to train on before testing here: all other places.
+
+        Args:
+            design: ``"paper"`` gives the places, in order, alpha 1, 2, 4 and 8 (for ``eth``: hotel 1, univ 2,
+                zara1 4, zara2 8); ``"crossed"`` gives every place every one of these alphas. Without sigma both are
+                simply the places.
+            by: ``"place"`` leaves out this place; ``"location"`` leaves out all that look at the same ground.
+        """
+        _one_of(self.place, "design", design, ("paper", "crossed"))
+        _one_of(self.place, "by", by, ("place", "location"))
+        own = LOCATION[self.place]
+        names = [p for p in PLACES if (LOCATION[p] != own if by == "location" else p != self.place)]
+        if self.place == "eth6":
+            names = [p for p in names if p != "eth"]
+        common = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
+        if self.sigma == "none":
+            return [BY_PLACE[p](**common) for p in names]
+        pairs = (
+            [(p, a) for p in names for a in SOURCE_ALPHAS]
+            if design == "crossed"
+            else list(zip(names, SOURCE_ALPHAS, strict=False))
+        )
+        return [BY_PLACE[p](alpha=a, sigma=self.sigma, **common) for p, a in pairs]
+
+
+class Eth(EthUcy):
+    """ETH-UCY ``eth``, as every published number uses it.
+
+    The file was resampled every 10 frames although 0.4 s is 6 frames of this recording: a step is really 0.667 s, and
+    people seem to walk 1.67 times too fast. ``eth6`` is the same scene at its true rate.
+    """
+
+    place = "eth"
+    training_files = test_files = ("biwi_eth.txt",)
+
+
+class Eth6(EthUcy):
+    """The ``eth`` scene from its original annotation: one row per 6 frames, a true step of 0.4 s."""
+
+    place = "eth6"
+    training_files = test_files = ("biwi_eth_obsmat_6frame.txt",)
+    columns = (0, 1, 2, 4)
+
+
+class Hotel(EthUcy):
+    """ETH-UCY ``hotel``."""
+
+    place = "hotel"
+    training_files = test_files = ("biwi_hotel.txt",)
+
+
+class Univ(EthUcy):
+    """ETH-UCY ``univ``: two recordings for test, a third, ``uni_examples``, for training only."""
+
+    place = "univ"
+    training_files = ("students001.txt", "students003.txt", "uni_examples.txt")
+    test_files = ("students001.txt", "students003.txt")
+
+
+class Zara1(EthUcy):
+    """ETH-UCY ``zara1``."""
+
+    place = "zara1"
+    training_files = test_files = ("crowds_zara01.txt",)
+
+
+class Zara2(EthUcy):
+    """ETH-UCY ``zara2``; a further recording of the same street, ``zara03``, is for training only."""
+
+    place = "zara2"
+    training_files = ("crowds_zara02.txt", "crowds_zara03.txt")
+    test_files = ("crowds_zara02.txt",)
+
+
+BY_PLACE: dict[str, type[EthUcy]] = {c.place: c for c in (Eth, Eth6, Hotel, Univ, Zara1, Zara2)}
+
+
+def _one_of(place: str, key: str, value: object, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise SpecError(f"`{key}={value}` of domain `{place}` is not known.{suggest(str(value), allowed)}")

@@ -1,0 +1,326 @@
+"""Two clocks: what is observed, forecast and revealed, step by step, as arrays.
+
+The windows clock goes from window to window and reveals each truth at once; the stream clock goes from frame to frame
+and reveals the truth as it happens. Both store a forecast before they reveal anything, and neither ever hands out a
+position before its time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, Recording, Truth
+from motion_gym.windows import Features, Tracks, pick_scenes, positions_only, stack
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Forecasts about which nothing more will be revealed: matured, or censored because their agent left.
+
+    Attributes:
+        forecast: The stored forecasts, M agents.
+        truth: What happened, with the observations they answered; its scenes are the forecasts made at one time.
+        identity: [M] int64, the clock's id of each agent (see ``Clock``).
+        made: [M] int64, clock time at which each forecast was made.
+    """
+
+    forecast: Forecast
+    truth: Truth
+    identity: np.ndarray
+    made: np.ndarray
+
+    @property
+    def matured(self) -> np.ndarray:
+        """[M] bool, True where all 12 steps happened."""
+        return self.truth.known.all(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one step of a clock reveals.
+
+    Attributes:
+        observation: The agents observed now; A = 0 when the episode is over.
+        identity: [A] int64, the clock's id of each of them.
+        reward: [P] float64, for each agent of the observation *before*: minus the mean error, in metres, of the points
+            that became known, over that agent's outstanding forecasts (most likely sample).
+        settled: Forecasts that were settled on the way.
+    """
+
+    observation: Observation
+    identity: np.ndarray
+    reward: np.ndarray
+    settled: Settled
+
+
+class Clock(Protocol):
+    """A clock. Agents have ids 0 .. ``size`` - 1 that never return once their agent has left."""
+
+    size: int
+
+    @property
+    def time(self) -> int:
+        """Number of the current window, or of the current listed frame."""
+        ...
+
+    @property
+    def extent(self) -> np.ndarray:
+        """[2, 2], lowest and highest x and y that can occur, for a fixed scale."""
+        ...
+
+    def name(self, identity: int) -> str:
+        """Name of an agent, as environments use it; ends in its number in the observation."""
+        ...
+
+    def reset(self) -> Step:
+        """Go to the beginning."""
+        ...
+
+    def step(self, forecast: Forecast) -> Step:
+        """Store the forecasts of the agents observed now, go on, reveal."""
+        ...
+
+
+class WindowsClock:
+    """Each step is the next window; an agent is one (window, agent) pair and lives for one step.
+
+    Args:
+        truth: The windows, as ``domain.windows(split)`` gives them.
+    """
+
+    def __init__(self, truth: Truth):
+        self.truth = truth
+        self.size = len(truth.future)
+        self._at = 0
+        self._window = truth.observation.scene_index
+
+    @property
+    def extent(self) -> np.ndarray:
+        """[2, 2], lowest and highest x and y."""
+        seen = [self.truth.observation.xy.reshape(-1, 2), self.truth.future[self.truth.known]]
+        return _extent(np.concatenate(seen))
+
+    def name(self, identity: int) -> str:
+        """``window_W_agent_N``."""
+        return f"window_{self._window[identity]}_agent_{self.truth.observation.agent[identity]}"
+
+    @property
+    def time(self) -> int:
+        """Number of the current window."""
+        return self._at
+
+    def reset(self) -> Step:
+        """Go to the first window."""
+        self._at = 0
+        return self._reveal(np.zeros(0), self._settle(pick_scenes(self.truth, slice(0, 0)), Forecast(_NOTHING), 0))
+
+    def step(self, forecast: Forecast) -> Step:
+        """Score the forecasts of this window and go to the next."""
+        truth = pick_scenes(self.truth, slice(self.time, self.time + 1))
+        settled = self._settle(truth, forecast, self.time)
+        error = np.linalg.norm(_likely(forecast).astype(np.float64) - truth.future, axis=-1)
+        known = truth.known.sum(axis=1)
+        reward = -np.where(truth.known, error, 0).sum(axis=1) / np.maximum(known, 1)
+        self._at += 1
+        return self._reveal(reward, settled)
+
+    def _reveal(self, reward: np.ndarray, settled: Settled) -> Step:
+        observation = pick_scenes(self.truth, slice(self.time, self.time + 1)).observation
+        return Step(observation, self._identity(self.time), reward, settled)
+
+    def _settle(self, truth: Truth, forecast: Forecast, window: int) -> Settled:
+        identity = self._identity(window)[: len(truth.future)]
+        return Settled(forecast, truth, identity, np.full(len(identity), window))
+
+    def _identity(self, window: int) -> np.ndarray:
+        scene = self.truth.observation.scene
+        last = min(window, len(scene) - 1)
+        return np.arange(scene[last], scene[min(last + 1, len(scene) - 1)])
+
+
+class StreamClock:
+    """Each step is one listed frame; an agent is one unbroken track, from its 8th frame until it leaves.
+
+    Frames at which nobody has 8 observed frames are passed over. An agent that is found again is a new one.
+
+    Args:
+        recordings: Replayed one after another.
+        features: Gives the history of each agent (a domain's ``history``).
+    """
+
+    def __init__(self, recordings: Sequence[Recording], features: Features = positions_only):
+        parts = [Tracks.of(recording) for recording in recordings]
+        ticks = np.cumsum([0] + [p.ticks for p in parts])
+        counts = np.cumsum([0] + [int(p.track.max(initial=-1)) + 1 for p in parts])
+        shifts = np.cumsum([0] + [int(p.agent.max(initial=-1)) + 1 for p in parts])
+        join = np.concatenate
+        self.dt = parts[0].dt if parts else 0.4
+        self.tracks = Tracks(
+            join([p.tick + t for p, t in zip(parts, ticks, strict=False)]),
+            join([p.track + c for p, c in zip(parts, counts, strict=False)]),
+            join([p.agent + s for p, s in zip(parts, shifts, strict=False)]),
+            join([p.xy for p in parts]),
+            join([p.age for p in parts]),
+            join([p.left for p in parts]),
+            int(ticks[-1]),
+            self.dt,
+        )
+        self.features = features
+        observable = np.flatnonzero(self.tracks.age >= HISTORY - 1)
+        observable = observable[np.argsort(self.tracks.tick[observable], kind="stable")]
+        self._times, start = np.unique(self.tracks.tick[observable], return_index=True)
+        self._rows = np.split(observable, start[1:]) if len(observable) else []
+        seen, identity = np.unique(self.tracks.track[observable], return_inverse=True)
+        self.size = len(seen)
+        self._identity = np.full(len(self.tracks.tick), -1)
+        self._identity[observable] = identity
+        self.person = np.zeros(self.size, np.int64)
+        self.person[identity] = self.tracks.agent[observable]
+        self.reset()
+
+    @property
+    def extent(self) -> np.ndarray:
+        """[2, 2], lowest and highest x and y."""
+        return _extent(self.tracks.xy)
+
+    def name(self, identity: int) -> str:
+        """``agent_N``."""
+        return f"agent_{identity}"
+
+    @property
+    def time(self) -> int:
+        """Listed frames since the first, over all recordings."""
+        return int(self._times[self._at]) if self._at < len(self._times) else self.tracks.ticks
+
+    def reset(self) -> Step:
+        """Go to the first frame at which somebody is observed."""
+        self._at = 0
+        self._row = np.zeros(0, np.int64)
+        self._forecast = Forecast(_NOTHING)
+        return self._reveal(np.zeros(0), self._settle(np.zeros(0, np.int64), Forecast(_NOTHING)))
+
+    def step(self, forecast: Forecast) -> Step:
+        """Store the forecasts, go on to the next frame at which somebody is observed, and reveal what happened."""
+        now = self._rows[self._at]
+        before = self._identity[now]
+        place = np.full(self.size, -1)
+        place[before] = np.arange(len(before))
+        self._row = np.concatenate([self._row, now])
+        self._forecast = _join(self._forecast, forecast)
+        time, self._at = self.time, self._at + 1
+        reward, settled_row, settled_forecast = np.zeros(len(now)), [], []
+        while time < self.time and len(self._row):
+            time += 1
+            ahead = time - self.tracks.tick[self._row]
+            alive = self.tracks.left[self._row] >= ahead
+            point = _likely(self._forecast)[alive, ahead[alive] - 1]
+            error = np.linalg.norm(point - self.tracks.xy[self._row[alive] + ahead[alive]], axis=-1)
+            owner = place[self._identity[self._row[alive]]]
+            total = np.bincount(owner, error, minlength=len(now))
+            reward -= total / np.maximum(np.bincount(owner, minlength=len(now)), 1)
+            done = ~alive | (ahead == FUTURE)
+            settled_row.append(self._row[done])
+            settled_forecast.append(_take(self._forecast, done))
+            self._row, self._forecast = self._row[~done], _take(self._forecast, ~done)
+        rows = np.concatenate(settled_row) if settled_row else np.zeros(0, np.int64)
+        return self._reveal(reward, self._settle(rows, _join(*settled_forecast)))
+
+    @property
+    def outstanding(self) -> tuple[Forecast, np.ndarray, np.ndarray]:
+        """Stored forecasts that are not settled, the ids of their agents and the times they were made."""
+        return self._forecast, self._identity[self._row], self.tracks.tick[self._row]
+
+    def latest_paths(self) -> np.ndarray:
+        """[N, 13, 2], the most recent outstanding forecasts, each from the position it started at."""
+        _, _, made = self.outstanding
+        latest = made == made.max(initial=-1)
+        positions = self._forecast.positions[latest]
+        start = np.broadcast_to(self.tracks.xy[self._row[latest], None, None], (*positions.shape[:2], 1, 2))
+        return np.concatenate([start, positions], axis=2).reshape(-1, FUTURE + 1, 2)
+
+    def _reveal(self, reward: np.ndarray, settled: Settled) -> Step:
+        rows = self._rows[self._at] if self._at < len(self._rows) else np.zeros(0, np.int64)
+        identity = self._identity[rows]
+        scene = np.array([0, len(rows)] if len(rows) else [0])
+        return Step(self.tracks.truth(rows, scene, identity, self.features).observation, identity, reward, settled)
+
+    def _settle(self, rows: np.ndarray, forecast: Forecast) -> Settled:
+        made = self.tracks.tick[rows]
+        order = np.lexsort((self._identity[rows], made))
+        rows, made = rows[order], made[order]
+        scene = np.concatenate([np.flatnonzero(np.diff(made, prepend=-1)), [len(made)]])
+        identity = self._identity[rows]
+        return Settled(
+            _take(forecast, order), self.tracks.truth(rows, scene, identity, self.features), identity, made
+        )
+
+
+class Ledger:
+    """Every settled forecast of an episode; it outlives the agents, so that no score is lost when one leaves."""
+
+    def __init__(self) -> None:
+        self.entries: list[Settled] = []
+
+    def add(self, settled: Settled) -> None:
+        """Keep what was settled in a step."""
+        if len(settled.made):
+            self.entries.append(settled)
+
+    def __len__(self) -> int:
+        """Number of settled forecasts."""
+        return sum(len(e.made) for e in self.entries)
+
+    @property
+    def matured(self) -> int:
+        """Number of forecasts whose 12 steps all happened."""
+        return sum(int(e.matured.sum()) for e in self.entries)
+
+    @property
+    def censored(self) -> int:
+        """Number of forecasts whose agent left before their last step."""
+        return len(self) - self.matured
+
+    def read(self) -> tuple[Forecast, Truth]:
+        """All settled forecasts with their truths, stacked.
+
+        Raises:
+            ValueError: nothing was settled yet.
+        """
+        if not self.entries:
+            raise ValueError("The ledger is empty: step the environment until a forecast is settled.")
+        return _join(*(e.forecast for e in self.entries)), stack([e.truth for e in self.entries])
+
+
+_NOTHING = np.zeros((0, 1, FUTURE, 2), np.float32)
+
+
+def _extent(xy: np.ndarray) -> np.ndarray:
+    return np.stack([xy.min(axis=0), xy.max(axis=0)]) if len(xy) else np.array([[0.0, 0.0], [1.0, 1.0]])
+
+
+def _likely(forecast: Forecast) -> np.ndarray:
+    """[A, 12, 2], the most likely sample of each agent."""
+    if forecast.weights is None:
+        return forecast.positions[:, 0]
+    return forecast.positions[np.arange(len(forecast.positions)), forecast.weights.argmax(axis=1)]
+
+
+def _take(forecast: Forecast, index: np.ndarray) -> Forecast:
+    return Forecast(forecast.positions[index], None if forecast.weights is None else forecast.weights[index])
+
+
+def _join(*forecasts: Forecast) -> Forecast:
+    filled = [f for f in forecasts if len(f.positions)]
+    if not filled:
+        return Forecast(_NOTHING)
+    weights = [f.weights for f in filled if f.weights is not None]
+    return Forecast(
+        np.concatenate([f.positions for f in filled]),
+        np.concatenate(weights) if len(weights) == len(filled) else None,
+    )
+
+

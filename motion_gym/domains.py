@@ -1,0 +1,150 @@
+"""A base class that turns recordings into a whole domain; using it is a convenience, not a duty."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from motion_gym.catalog import suggest
+from motion_gym.contract import HISTORY, Card, Recording, SpecError, Truth
+from motion_gym.windows import empty_truth, windows_of
+
+TrainingSet = tuple[list[Truth], list[Truth]]
+"""Training and validation truths, one of each per environment."""
+
+
+class RecordedDomain:
+    """A domain made of recordings: a subclass gives ``recordings(split)``, everything else follows.
+
+    A subclass may add features to the history in two ways. ``features`` receives the 8 observed steps alone, so it
+    cannot read the future. ``side_channels`` receives all 20 steps and is named on the card, in every result and by
+    the leak probe.
+    """
+
+    name: ClassVar[str] = "recorded"
+    splits: ClassVar[tuple[str, ...]] = ("train", "val", "test", "reference")
+    unit: ClassVar[str] = "m"
+    source: ClassVar[str] = ""
+    terms: ClassVar[str] = ""
+    oracle: ClassVar[str | None] = None
+    dt: float = 0.4
+    min_agents: int = 1
+    stride: int = 1
+    feature_names: tuple[str, ...] = ()
+    side_channel_names: tuple[str, ...] = ()
+
+    def recordings(self, split: str) -> Sequence[Recording]:
+        """Recordings of a split."""
+        raise NotImplementedError(f"{type(self).__name__} must define recordings(split).")
+
+    def features(self, history: np.ndarray) -> np.ndarray:
+        """Further features from the observed steps: [A, 8, 2] float64 -> [A, 8, len(feature_names)]."""
+        return np.zeros((*history.shape[:2], 0))
+
+    def side_channels(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Features that read the future: [A, 20, 2] float64, [A, 20] bool -> [A, 8, len(side_channel_names)]."""
+        return np.zeros((len(positions), HISTORY, 0))
+
+    def history(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """What a predictor sees: [A, 8, F] with x, y, the features, then the side channels."""
+        observed = positions[:, :HISTORY]
+        columns = [observed]
+        if self.feature_names:
+            columns.append(self.features(observed.copy()))
+        if self.side_channel_names:
+            columns.append(self.side_channels(positions, known))
+        return np.concatenate(columns, axis=2)
+
+    def windows(self, split: str) -> Truth:
+        """Every window of a split; computed once, and read-only."""
+        self.check_split(split)
+        return self._windows(split)
+
+    def reference(self) -> Truth:
+        """Reference scenes, disjoint from those of the test split."""
+        return self.windows("reference")
+
+    def sources(self) -> list[RecordedDomain]:
+        """The domains that a predictor is trained on before it is tested on this one; empty if there are none."""
+        return []
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The constructor's arguments with their values."""
+        names = inspect.signature(type(self)).parameters
+        return {name: getattr(self, name) for name in names}
+
+    def replace(self, **changes: Any) -> RecordedDomain:
+        """The same domain with some parameters changed."""
+        return type(self)(**{**self.parameters, **changes})
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """sha256 of each data file that this domain reads."""
+        return {}
+
+    @property
+    def card(self) -> Card:
+        """What this domain is; windows are counted for the splits read so far."""
+        return Card(
+            name=self.name,
+            parameters=self.parameters,
+            dt=self.dt,
+            unit=self.unit,
+            features=("x", "y", *self.feature_names, *self.side_channel_names),
+            side_channels=self.side_channel_names,
+            source=self.source,
+            terms=self.terms,
+            files=self.files,
+            oracle=self.oracle,
+        )
+
+    def check_split(self, split: str) -> None:
+        """Raise SpecError for a split that this domain does not have."""
+        if split not in self.splits:
+            raise SpecError(f"Domain `{self.name}` has no split `{split}`.{suggest(str(split), self.splits)}")
+
+    @functools.cached_property
+    def _windows(self):
+        @functools.cache
+        def make(split: str) -> Truth:
+            recordings = self.recordings(split)
+            features = 2 + len(self.feature_names) + len(self.side_channel_names)
+            if not recordings:
+                return empty_truth(features, self.dt)
+            return freeze(windows_of(recordings, self.history, self.min_agents, self.stride))
+
+        return make
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in vars(self).items() if key != "_windows"}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.parameters.items())})"
+
+
+def freeze(truth: Truth) -> Truth:
+    """Make every array of a truth read-only, so that nobody who is given it can change it for others."""
+    observation = truth.observation
+    for array in (truth.future, truth.known, observation.history, observation.scene, observation.agent):
+        array.flags.writeable = False
+    return truth
+
+
+def training_set(domain: Any) -> TrainingSet:
+    """What a predictor is fitted on before it meets a domain: the ``train`` and ``val`` windows of its sources.
+
+    Raises:
+        SpecError: the domain names no sources.
+    """
+    sources = domain.sources() if hasattr(domain, "sources") else []
+    if not sources:
+        raise SpecError(
+            f"Domain `{domain.card.name}` names no source domains (`sources()`): fit the predictor yourself, "
+            "`predictor.fit(train, validation, seed)`, and pass the fitted object."
+        )
+    return [s.windows("train") for s in sources], [s.windows("val") for s in sources]

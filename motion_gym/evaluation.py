@@ -1,0 +1,256 @@
+"""Scores of a predictor on a domain, with everything that a reader needs to know about them."""
+
+from __future__ import annotations
+
+import dataclasses
+import resource
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motion_gym import catalog
+from motion_gym.bootstrap import Difference, Summary, paired_difference, summarise
+from motion_gym.contract import Card, Domain, Forecast, Predictor, SpecError, Truth
+from motion_gym.dicts import forecast_to_dict, observation_from_dict
+from motion_gym.metrics import error_by_horizon, metric_rows, score
+from motion_gym.parallel import ForecastEnv
+from motion_gym.prediction import ask, name_of, ready, tell
+from motion_gym.windows import pick_scenes
+
+PROTOCOLS: Mapping[str, str] = {
+    "honest": "style read from reference scenes disjoint from those scored; k = 1 unless stated",
+    "paper": "as published: style read from the 20 frames of the scored batches (a leak); best of 20 unless stated",
+}
+PAPER_BATCH = 64
+"""Scenes of a test batch of the released program, whose own future the ``paper`` protocol reads the style from."""
+BASELINE = "constant_velocity"
+
+
+@dataclass(frozen=True, eq=False)
+class Scorecard:
+    """What came out, and how.
+
+    Attributes:
+        predictor: Name or spec.
+        domain: Card of the domain.
+        split: Split that was scored.
+        protocol: ``honest`` or ``paper``.
+        k: Number of samples.
+        seed: Seed of a stochastic predictor's samples, and of what was fitted.
+        metrics: Mean, interval and counts by name.
+        horizon: [12] mean error of the most likely sample by future step, metres.
+        versus_baseline: Paired difference of ADE and FDE from constant velocity (negative is better).
+        notes: What a reader must know: oracle, side channels, leaks of the protocol, which agents were selected.
+        selection: How the weights were selected.
+        reference_scenes: Reference scenes that the predictor saw.
+        seconds: Wall time of the forecasts, fitting not included.
+        peak_memory: Bytes, of the whole process so far.
+        values: [A] values per agent-window by name of the metric; not written to files.
+        truth: What was scored; not written to files.
+    """
+
+    predictor: str
+    domain: Card
+    split: str
+    protocol: str
+    k: int
+    seed: int
+    metrics: Mapping[str, Summary]
+    horizon: list[float]
+    versus_baseline: Mapping[str, Difference]
+    notes: tuple[str, ...]
+    selection: str
+    reference_scenes: int
+    seconds: float
+    peak_memory: int
+    values: Mapping[str, np.ndarray]
+    truth: Truth
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it in JSON types, except the values per agent; NaN becomes None."""
+        plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("values", "truth")}
+        units = {row.name: row for row in metric_rows(self.k)}
+        plain["domain"] = dataclasses.asdict(self.domain)
+        plain["aggregation"] = (
+            "mean over agent-windows; ADE, FDE and MR_2m of the most likely sample; min*: best sample of each agent; "
+            "J*: best sample of each scene; intervals: 95 %, bootstrap of whole agents (1000 replicates)"
+        )
+        plain["metrics"] = {
+            name: {**dataclasses.asdict(s), "unit": units[name].unit, "lower_is_better": units[name].lower_is_better}
+            for name, s in self.metrics.items()
+        }
+        plain["versus_baseline"] = {
+            "baseline": BASELINE,
+            **{name: dataclasses.asdict(d) for name, d in self.versus_baseline.items()},
+        }
+        return _json(plain)
+
+    def __str__(self) -> str:
+        ade, fde = self.metrics["ADE"], self.metrics["FDE"]
+        return (
+            f"{self.predictor} on {catalog.format_spec(self.domain.name, dict(self.domain.parameters))}: "
+            f"ADE {ade.mean:.3f} [{ade.low:.3f}, {ade.high:.3f}] m, FDE {fde.mean:.3f} [{fde.low:.3f}, {fde.high:.3f}] m, "
+            f"k = {self.k}, protocol {self.protocol}, {ade.agent_windows} agent-windows of {ade.agents} agents in "
+            f"{ade.scenes} scenes"
+        )
+
+
+def evaluate(
+    predictor: str | Predictor,
+    domain: str | Domain,
+    *,
+    split: str = "test",
+    k: int | None = None,
+    protocol: str = "honest",
+    seed: int = 0,
+    through: str = "arrays",
+    **parameters: Any,
+) -> Scorecard:
+    """Score a predictor on every window of a split.
+
+    Args:
+        predictor: A name, a spec, ``"module:Class"`` or a predictor. One given by name is fitted to the domain's
+            sources if it needs to be.
+        domain: A name, a spec, ``"module:Class"`` or a domain.
+        split: Which split.
+        k: Number of samples; by default 1 (``honest``) or 20 (``paper``).
+        protocol: ``honest`` or ``paper``, see ``PROTOCOLS``.
+        seed: Seed of the samples, and of the fit.
+        through: ``arrays`` asks for all windows at once; ``environment`` steps the PettingZoo environment. The scores
+            are the same for every predictor whose forecasts do not depend on the batch.
+        **parameters: Parameters of the domain.
+
+    Returns:
+        Scorecard.
+
+    Raises:
+        SpecError: a name, parameter or option is not known.
+        PredictorError: the predictor broke its contract.
+        DataError: data is missing or damaged.
+    """
+    if protocol not in PROTOCOLS:
+        raise SpecError(f"There is no protocol `{protocol}`.{catalog.suggest(str(protocol), PROTOCOLS)}")
+    if through not in ("arrays", "environment"):
+        raise SpecError(f"`through={through}` is not known.{catalog.suggest(str(through), ('arrays', 'environment'))}")
+    k = k if k is not None else (20 if protocol == "paper" else 1)
+    if isinstance(k, bool) or not isinstance(k, int) or k < 1:
+        raise SpecError(f"`k={k}` must be a whole number, 1 or more: the number of samples per agent.")
+    place = catalog.domain(domain, **parameters)
+    truth = place.windows(split)
+    if not len(truth.future):
+        raise SpecError(f"Split `{split}` of {place!r} has no agent to score.")
+    made = ready(predictor, place, seed)
+    references = 0
+    if hasattr(made, "observe") and protocol == "honest":
+        reference = place.reference()
+        tell(made, reference)
+        references = reference.observation.scenes
+    began = time.perf_counter()
+    if hasattr(made, "observe") and protocol == "paper":
+        forecast = _by_leaking_batches(made, truth, k, seed)
+    elif through == "environment":
+        forecast, truth = _by_stepping(made, place, split, k, seed)
+    else:
+        forecast = ask(made, truth.observation, k, seed)
+    seconds = time.perf_counter() - began
+    values = score(forecast, truth, k)
+    baseline = score(ask(ready(BASELINE, place), truth.observation), truth)
+    card = dataclasses.replace(place.card, counts={split: counts(truth)})
+    agents = truth.observation.agent
+    return Scorecard(
+        predictor=predictor if isinstance(predictor, str) else name_of(made),
+        domain=card,
+        split=split,
+        protocol=protocol,
+        k=k,
+        seed=seed,
+        metrics=summarise(values, truth.observation),
+        horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
+        versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
+        notes=_notes(made, card, protocol),
+        selection=getattr(made, "selection", "not stated by the predictor"),
+        reference_scenes=references,
+        seconds=seconds,
+        peak_memory=_peak_memory(),
+        values=values,
+        truth=truth,
+    )
+
+
+def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
+    """Paired, clustered difference a - b of one metric; both cards must be about the same agent-windows.
+
+    Raises:
+        SpecError: the cards are about different windows, or lack the metric.
+    """
+    same = len(a.truth.future) == len(b.truth.future) and np.array_equal(a.truth.future, b.truth.future)
+    if not same:
+        raise SpecError("The two scorecards are about different windows: compare predictors on one domain and split.")
+    for card in (a, b):
+        if metric not in card.values:
+            raise SpecError(f"The scorecard of {card.predictor} has no `{metric}`.{catalog.suggest(metric, card.values)}")
+    return paired_difference(a.values[metric], b.values[metric], a.truth.observation.agent)
+
+
+def counts(truth: Truth) -> dict[str, int]:
+    """Scenes (windows), agent-windows and distinct agents."""
+    observation = truth.observation
+    return {
+        "scenes": observation.scenes,
+        "agent_windows": len(observation),
+        "agents": len(np.unique(observation.agent)),
+    }
+
+
+def _by_stepping(predictor: Predictor, domain: Domain, split: str, k: int, seed: int) -> tuple[Forecast, Truth]:
+    samples = k if len(ask(predictor, pick_scenes(domain.windows(split), [0]).observation, k, seed).positions[0]) > 1 else 1
+    env = ForecastEnv(domain, split=split, samples=samples)
+    observations, _ = env.reset()
+    while env.agents:
+        observation = observation_from_dict(observations, domain.card.dt, env.agents)
+        forecast = ask(predictor, observation, samples, seed)
+        observations, *_ = env.step(forecast_to_dict(forecast, env.agents))
+    return env.ledger.read()
+
+
+def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -> Forecast:
+    parts = []
+    for first in range(0, truth.observation.scenes, PAPER_BATCH):
+        batch = pick_scenes(truth, slice(first, first + PAPER_BATCH))
+        if hasattr(predictor, "reset"):
+            predictor.reset()
+        tell(predictor, batch)
+        parts.append(ask(predictor, batch.observation, k, seed))
+    return Forecast(np.concatenate([p.positions for p in parts]))
+
+
+def _notes(predictor: Any, card: Card, protocol: str) -> tuple[str, ...]:
+    notes = []
+    if hasattr(predictor, "know"):
+        notes.append("oracle: it is told what no forecaster can know")
+    if card.side_channels:
+        notes.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
+    if hasattr(predictor, "observe") and protocol == "paper":
+        notes.append("leak of the paper protocol: the style is read from the scored scenes' own future")
+    least = card.parameters.get("min_agents", 1)
+    notes.append(f"scored: agents complete over all 20 steps, in windows with at least {least} of them")
+    return tuple(notes)
+
+
+def _peak_memory() -> int:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(peak if sys.platform == "darwin" else peak * 1024)
+
+
+def _json(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_json(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,378 @@
+"""Errors of forecasts, one value per agent, so that means and intervals can be taken over any grouping.
+
+A metric is a pure function of a Forecast and the Truth that it is held against, and a row of ``METRICS``.
+Everything is computed in float64. NaN means that there is nothing to measure: no known step, or too few
+samples for a density.
+
+Where a metric has a k it looks at the *first* k samples. A forecast with one sample stands for all of them,
+so that deterministic predictors can be scored for any k; otherwise fewer than k samples are an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, DataError, Forecast, PredictorError, SpecError, Truth
+
+MISS_DISTANCE = 2.0
+"""Metres between the last forecast and the last true position beyond which a forecast is a miss."""
+COLLISION_DISTANCE = 0.2
+"""Metres between two centres under which two agents collide: a person radius of 0.1 m, as in TrajNet++."""
+LOG_DENSITY_BOUND = -20.0
+"""Lowest log density (1 / m^2) that counts, as in Trajectron++: one lost agent may not rule the mean."""
+KERNEL_WIDTH = 0.01
+"""Metres; narrowest standard deviation of a kernel, so that samples on a line still have a density."""
+PAIRS_AT_ONCE = 1 << 14
+"""Pairs of agents whose distances are held in memory together."""
+
+
+def ade(forecast: Forecast, truth: Truth) -> np.ndarray:
+    """Average displacement error of the most likely sample over the known steps.
+
+    Args:
+        forecast: A agents; the sample of highest weight is scored, the first one where there are no weights.
+        truth: What happened to the same agents, in the same order.
+
+    Returns:
+        [A] float64, metres; NaN for an agent without a known step.
+
+    Raises:
+        PredictorError: The forecast has the wrong shape or holds positions or weights that cannot be.
+        DataError: The truth contradicts itself.
+    """
+    return _mean_over_known(_most_likely_error(forecast, truth), _known(truth))
+
+
+def fde(forecast: Forecast, truth: Truth) -> np.ndarray:
+    """Final displacement error of the most likely sample: [A] metres, NaN where that step is not known."""
+    return error_by_horizon(forecast, truth)[:, -1]
+
+
+def error_by_horizon(forecast: Forecast, truth: Truth) -> np.ndarray:
+    """Displacement error of the most likely sample at each step: [A, 12] metres, NaN where not known."""
+    return np.where(_known(truth), _most_likely_error(forecast, truth), np.nan)
+
+
+def min_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """ADE of the best of the first k samples, chosen for each agent: [A] metres, NaN as for `ade`."""
+    return _sample_ade(forecast, truth, k).min(axis=1)
+
+
+def min_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """FDE of the best of the first k samples, chosen for each agent and for FDE alone: [A] metres."""
+    return _sample_fde(forecast, truth, k).min(axis=1)
+
+
+def joint_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """ADE under the best of the first k samples of the whole scene.
+
+    The sample of a scene is the one with the smallest sum of ADE over the scene's agents; agents without a
+    known step have no say. With all steps known, the mean over agents is the number that the paper's released
+    program reports.
+
+    Returns:
+        [A] float64, metres: the ADE of each agent under the sample of its scene; NaN as for `ade`.
+    """
+    return _under_best_of_scene(_sample_ade(forecast, truth, k), truth)
+
+
+def joint_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """FDE under the best sample of the scene, chosen as in `joint_ade` but for FDE alone: [A] metres."""
+    return _under_best_of_scene(_sample_fde(forecast, truth, k), truth)
+
+
+def miss_rate_2m(forecast: Forecast, truth: Truth, k: int = 1) -> np.ndarray:
+    """1 where the last position is missed by more than 2 m, else 0: [A], NaN where it is not known.
+
+    With k = 1 the most likely sample is judged, with k > 1 the best of the first k.
+    """
+    error = fde(forecast, truth) if k == 1 else min_fde(forecast, truth, k)
+    return np.where(np.isnan(error), np.nan, error > MISS_DISTANCE)
+
+
+def collision_rate(forecast: Forecast, truth: Truth) -> np.ndarray:
+    """1 for an agent whose forecast comes within 0.2 m of that of another agent of its scene, else 0.
+
+    The distance is between centres, at any of the 12 steps, most likely samples against each other. This is
+    Col-I of TrajNet++ (Kothari et al., 2021) with its person radius of 0.1 m, but for every agent instead of
+    a primary one, and without the half-way points that TrajNet++ adds between steps. It judges the forecast
+    alone: steps that never happened count as well.
+
+    Returns:
+        [A] float64, 0 or 1; 0 for an agent that is alone.
+    """
+    track = _most_likely(forecast, truth)
+    scene = truth.observation.scene
+    hit = np.zeros(len(track))
+    # Agent i is paired with the later agents of its scene; pairs are numbered by i and made when needed.
+    partners = np.repeat(scene[1:], np.diff(scene)) - np.arange(len(track)) - 1
+    start = np.concatenate([[0], np.cumsum(partners)])
+    for lowest in range(0, int(start[-1]), PAIRS_AT_ONCE):
+        pair = np.arange(lowest, min(lowest + PAIRS_AT_ONCE, int(start[-1])))
+        one = np.searchsorted(start, pair, side="right") - 1
+        other = one + 1 + pair - start[one]
+        close = (_norm(track[one] - track[other]) < COLLISION_DISTANCE).any(axis=1)
+        hit[one[close]] = 1.0
+        hit[other[close]] = 1.0
+    return hit
+
+
+def kde_nll(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """Negative log density of the truth under a Gaussian kernel estimate over the first k samples.
+
+    At each step the kernels have the (weighted) covariance of the samples times the square of Scott's factor,
+    n^(-1/6) for n samples in the plane, as in ``scipy.stats.gaussian_kde``. A covariance whose smaller
+    eigenvalue would be under ``KERNEL_WIDTH`` squared gets the missing part added in all directions. The log
+    density of a step is clipped from below at -20 (Trajectron++, Salzmann et al., ECCV 2020), then averaged
+    over known steps.
+
+    Returns:
+        [A] float64, nats for a density per m^2. NaN without a known step, with fewer than 3 samples of
+        positive weight, and where all samples are equal (to a micrometre at every step): one forecast is no
+        density.
+    """
+    samples = _samples(forecast, truth, k)
+    if samples.shape[1] < 3:
+        return np.full(len(samples), np.nan)
+    weights = _normalised_weights(forecast, samples.shape[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_weights = np.log(weights)
+        concentration = (weights**2).sum(axis=1)
+        unbiased = 1.0 / (1.0 - concentration)
+    known = _known(truth)
+    loss = np.empty(known.shape)
+    spread = np.zeros(len(known))
+    for step in range(FUTURE):
+        x, y = (samples[:, :, step, axis].astype(np.float64) for axis in (0, 1))
+        dx, dy = (values - (weights * values).sum(axis=1, keepdims=True) for values in (x, y))
+        with np.errstate(invalid="ignore"):
+            xx, xy, yy = (unbiased * (weights * a * b).sum(axis=1) for a, b in ((dx, dx), (dx, dy), (dy, dy)))
+        spread = np.maximum(spread, xx + yy)
+        scott = np.cbrt(concentration)
+        ex, ey = (truth.future[:, None, step, axis] - values for axis, values in ((0, x), (1, y)))
+        density = _log_density(ex, ey, log_weights, scott * xx, scott * xy, scott * yy)
+        loss[:, step] = -np.maximum(density, LOG_DENSITY_BOUND)
+    enough = ((weights > 0).sum(axis=1) >= 3) & (spread > 1e-12)
+    return np.where(enough, _mean_over_known(loss, known), np.nan)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A row of the table of metrics.
+
+    Attributes:
+        name: How the field writes it; ``{k}`` stands for the number of samples.
+        function: ``function(forecast, truth)``, or ``function(forecast, truth, k)`` if it needs samples.
+        unit: Unit of its values.
+        lower_is_better: Whether the smaller of two values is the better one.
+        needs_samples: Whether it looks at k samples; such metrics are reported for k > 1 only.
+        description: What it measures, in a sentence.
+    """
+
+    name: str
+    function: Callable[..., np.ndarray]
+    unit: str
+    lower_is_better: bool
+    needs_samples: bool
+    description: str
+
+    def __call__(self, forecast: Forecast, truth: Truth, k: int = 1) -> np.ndarray:
+        """One value per agent: [A] float64."""
+        return self.function(forecast, truth, k) if self.needs_samples else self.function(forecast, truth)
+
+
+METRICS = (
+    Metric("ADE", ade, "m", True, False, "Mean displacement error, most likely sample."),
+    Metric("FDE", fde, "m", True, False, "Displacement error at the last step, most likely sample."),
+    Metric(
+        "MR_2m",
+        miss_rate_2m,
+        "1",
+        True,
+        False,
+        "Share missed by more than 2 m at the end, most likely sample.",
+    ),
+    Metric(
+        "collision_0.2m",
+        collision_rate,
+        "1",
+        True,
+        False,
+        "Share whose forecast hits another agent's forecast.",
+    ),
+    Metric("minADE_{k}", min_ade, "m", True, True, "ADE of the best of {k} samples of each agent."),
+    Metric("minFDE_{k}", min_fde, "m", True, True, "FDE of the best of {k} samples of each agent."),
+    Metric("JADE_{k}", joint_ade, "m", True, True, "ADE under the best of {k} samples of the whole scene."),
+    Metric("JFDE_{k}", joint_fde, "m", True, True, "FDE under the best of {k} samples of the whole scene."),
+    Metric(
+        "MR_2m_{k}", miss_rate_2m, "1", True, True, "Share missed by more than 2 m by all of {k} samples."
+    ),
+    Metric(
+        "KDE_NLL", kde_nll, "nat", True, True, "Negative log density of a kernel estimate over {k} samples."
+    ),
+)
+"""Every metric; a new one is a function and a row here."""
+
+
+def metric_rows(k: int) -> list[Metric]:
+    """The metrics to report for k samples, their names and descriptions filled in."""
+    _check_k(k)
+    rows = [metric for metric in METRICS if k > 1 or not metric.needs_samples]
+    return [replace(m, name=m.name.format(k=k), description=m.description.format(k=k)) for m in rows]
+
+
+def score(forecast: Forecast, truth: Truth, k: int = 1) -> dict[str, np.ndarray]:
+    """Every metric to report for k samples, by name: each [A] float64, NaN where it cannot be computed.
+
+    Raises:
+        PredictorError: The forecast has the wrong shape, fewer than k samples, or impossible values.
+        DataError: The truth contradicts itself.
+    """
+    return {metric.name: metric(forecast, truth, k) for metric in metric_rows(k)}
+
+
+def _norm(difference: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("...i,...i->...", difference, difference))
+
+
+def _known(truth: Truth) -> np.ndarray:
+    return np.asarray(truth.known, dtype=bool)
+
+
+def _mean_over_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    count = known.sum(axis=1)
+    total = np.where(known, values, 0.0).sum(axis=1)
+    return np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
+
+
+def _most_likely(forecast: Forecast, truth: Truth) -> np.ndarray:
+    """Positions of each agent's most likely sample: [A, 12, 2] float64."""
+    positions = _checked(forecast, truth)
+    best = 0 if forecast.weights is None else np.argmax(forecast.weights, axis=1)
+    return positions[np.arange(len(positions)), best].astype(np.float64)
+
+
+def _most_likely_error(forecast: Forecast, truth: Truth) -> np.ndarray:
+    return _norm(_most_likely(forecast, truth) - truth.future)
+
+
+def _samples(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """The first k samples, or the only one: [A, k or 1, 12, 2]."""
+    _check_k(k)
+    positions = _checked(forecast, truth)
+    given = positions.shape[1]
+    if 1 < given < k:
+        raise PredictorError(
+            f"The forecast has {given} samples, but k = {k} are to be scored. Predict with samples={k}, "
+            f"score with k <= {given}, or give a single sample if the predictor is deterministic."
+        )
+    return positions[:, :k]
+
+
+def _sample_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """ADE of each sample: [A, k or 1]."""
+    samples = _samples(forecast, truth, k)
+    known = _known(truth)
+    # One sample at a time: all of them at once in float64 would be the largest array of an evaluation.
+    errors = (_norm(samples[:, i].astype(np.float64) - truth.future) for i in range(samples.shape[1]))
+    return np.stack([_mean_over_known(error, known) for error in errors], axis=1)
+
+
+def _sample_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
+    """FDE of each sample: [A, k or 1]."""
+    last = _samples(forecast, truth, k)[:, :, -1].astype(np.float64)
+    return np.where(_known(truth)[:, -1:], _norm(last - truth.future[:, None, -1]), np.nan)
+
+
+def _under_best_of_scene(error: np.ndarray, truth: Truth) -> np.ndarray:
+    """The [A] errors under the sample with the smallest sum of [A, K] errors over each scene."""
+    scene = truth.observation.scene
+    size = np.diff(scene)
+    # reduceat gives an empty scene the errors of the next one, so scenes without agents are left out.
+    filled = size > 0
+    if not filled.any():
+        return np.empty(0)
+    total = np.add.reduceat(np.where(np.isnan(error), 0.0, error), scene[:-1][filled], axis=0)
+    best = np.repeat(total.argmin(axis=1), size[filled])
+    return error[np.arange(len(error)), best]
+
+
+def _normalised_weights(forecast: Forecast, samples: int) -> np.ndarray:
+    """Weights of the first samples, summing to 1: [A, samples] float64; NaN where all of them are 0."""
+    if forecast.weights is None:
+        return np.full((len(forecast.positions), samples), 1.0 / samples)
+    weights = np.asarray(forecast.weights, dtype=np.float64)[:, :samples]
+    with np.errstate(invalid="ignore"):
+        return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _log_density(
+    ex: np.ndarray, ey: np.ndarray, log_weights: np.ndarray, xx: np.ndarray, xy: np.ndarray, yy: np.ndarray
+) -> np.ndarray:
+    """Log density [A] of K Gaussians of one covariance, at offsets ex, ey [A, K] from their centres."""
+    middle, radius = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    ridge = np.maximum(KERNEL_WIDTH**2 - (middle - radius), 0.0)
+    # The product of eigenvalues stays positive where xx * yy - xy^2 would be lost to rounding.
+    determinant = (middle + radius + ridge) * np.maximum(middle - radius, KERNEL_WIDTH**2)
+    a, b, c = ((part / determinant)[:, None] for part in (yy + ridge, xy, xx + ridge))
+    exponent = log_weights - np.maximum(a * ex * ex - 2 * b * ex * ey + c * ey * ey, 0.0) / 2
+    highest = exponent.max(axis=1, keepdims=True)
+    total = np.log(np.exp(exponent - highest).sum(axis=1)) + highest[:, 0]
+    return total - np.log(2 * np.pi) - np.log(determinant) / 2
+
+
+def _check_k(k: int) -> None:
+    if k < 1:
+        raise SpecError(f"k is {k!r}; it is a number of samples, so it must be 1 or more.")
+
+
+def _checked(forecast: Forecast, truth: Truth) -> np.ndarray:
+    """Positions of the forecast, [A, K, 12, 2], after making sure that forecast and truth can be compared."""
+    scene, agents = truth.observation.scene, len(truth.future)
+    if truth.future.shape != (agents, FUTURE, 2) or truth.known.shape != (agents, FUTURE):
+        raise DataError(
+            f"Truth has future {truth.future.shape} and known {truth.known.shape}, expected "
+            f"({agents}, {FUTURE}, 2) and ({agents}, {FUTURE})."
+        )
+    if len(scene) == 0 or scene[0] != 0 or scene[-1] != agents or (np.diff(scene) < 0).any():
+        raise DataError(f"scene must rise from 0 to the {agents} agents of the truth, but is {scene}.")
+    if not np.isfinite(truth.future[_known(truth)]).all():
+        raise DataError("Truth holds steps that are marked as known but are not finite.")
+    if not isinstance(forecast, Forecast):
+        raise PredictorError(
+            f"Expected a Forecast, got {type(forecast).__name__}; wrap it: Forecast(positions)."
+        )
+    positions = np.asarray(forecast.positions)
+    expected = f"expected ({agents}, K, {FUTURE}, 2): agents, samples (at least 1), steps, x and y in metres"
+    if positions.ndim != 4 or positions.shape[::2] != (agents, FUTURE) or positions.shape[3] != 2:
+        hint = (
+            "; for a single sample use positions[:, None]" if positions.shape == (agents, FUTURE, 2) else ""
+        )
+        raise PredictorError(f"Forecast positions have shape {positions.shape}, {expected}{hint}.")
+    if positions.shape[1] == 0 or positions.dtype.kind not in "fiu":
+        raise PredictorError(
+            f"Forecast positions are {positions.dtype} of shape {positions.shape}, {expected}."
+        )
+    if not np.isfinite(positions).all():
+        row, sample, step, _ = np.argwhere(~np.isfinite(positions))[0]
+        where = f"row {row}, scene {np.searchsorted(scene, row, side='right') - 1}"
+        xy = positions[row, sample, step].tolist()
+        raise PredictorError(
+            f"The forecast of agent {truth.observation.agent[row]} ({where}) is {xy} at step {step} of "
+            f"sample {sample}; every position must be finite."
+        )
+    if forecast.weights is not None:
+        weights = np.asarray(forecast.weights)
+        if weights.shape != positions.shape[:2]:
+            raise PredictorError(
+                f"Forecast weights have shape {weights.shape}, expected {positions.shape[:2]}: one for each "
+                "sample of each agent; leave them out if all samples are equally likely."
+            )
+        if not (np.isfinite(weights) & (weights >= 0)).all():
+            raise PredictorError(
+                "Forecast weights must be finite and not negative; log weights need exp first."
+            )
+    return positions

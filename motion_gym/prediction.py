@@ -1,0 +1,136 @@
+"""How the harness uses a predictor: made ready, asked, and never trusted."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from motion_gym import catalog
+from motion_gym.contract import FUTURE, Domain, Forecast, MotionGymError, Observation, Predictor, PredictorError, Truth
+from motion_gym.domains import training_set
+
+
+def name_of(predictor: Any) -> str:
+    """Name of a predictor for tables and messages: its own ``name``, or its class with its public settings."""
+    own = getattr(predictor, "name", None)
+    return own if isinstance(own, str) else type(predictor).__name__
+
+
+def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predictor:
+    """Make a predictor ready for a domain.
+
+    A predictor given by name or spec is made, and fitted to the domain's sources if it can be and is not yet. An
+    oracle is shown the domain. Then it is reset.
+
+    Raises:
+        SpecError: the name is not known, or the domain names no sources to fit to.
+    """
+    made = catalog.predictor(predictor)
+    if isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False):
+        train, validation = training_set(domain)
+        guarded(made, "fit", train, validation, seed)
+    if hasattr(made, "know"):
+        guarded(made, "know", domain)
+    if hasattr(made, "reset"):
+        guarded(made, "reset")
+    return made
+
+
+def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+    """Ask for a forecast, and check the answer.
+
+    The predictor is given a copy that cannot be written to, so that it cannot change what others see.
+
+    Returns:
+        Forecast of float32 positions [A, K, 12, 2] with K = ``samples``, or 1 where the predictor is deterministic.
+
+    Raises:
+        PredictorError: it raised, tried to change its input, or answered with something that is not a forecast.
+    """
+    if not len(observation):
+        return Forecast(np.zeros((0, samples, FUTURE, 2), np.float32))
+    answer = guarded(predictor, "predict", frozen(observation), samples=samples, seed=seed)
+    return checked(answer, observation, samples, name_of(predictor))
+
+
+def tell(predictor: Predictor, truth: Truth) -> None:
+    """Let a predictor that has ``observe`` see revealed truth, or reference scenes."""
+    if hasattr(predictor, "observe") and len(truth.future):
+        copy = Truth(_locked(truth.future), _locked(truth.known), frozen(truth.observation))
+        guarded(predictor, "observe", copy)
+
+
+def checked(answer: Any, observation: Observation, samples: int, name: str) -> Forecast:
+    """A forecast in its proper form, from what a predictor returned; PredictorError if it is none."""
+    forecast = answer if isinstance(answer, Forecast) else Forecast(answer)
+    positions = forecast.positions
+    if not isinstance(positions, np.ndarray):
+        raise PredictorError(
+            f"{name}.predict returned {type(positions).__name__}; return a Forecast or a numpy array "
+            f"[A, K, {FUTURE}, 2] float32."
+        )
+    agents = len(observation)
+    if positions.ndim != 4 or positions.shape[0] != agents or positions.shape[2:] != (FUTURE, 2):
+        hint = " For one sample use positions[:, None]." if positions.shape == (agents, FUTURE, 2) else ""
+        raise PredictorError(
+            f"{name}.predict returned shape {positions.shape} for {agents} agents, expected ({agents}, {samples}, "
+            f"{FUTURE}, 2): agents, samples, future steps, x and y.{hint}"
+        )
+    if positions.shape[1] not in (1, samples):
+        raise PredictorError(
+            f"{name}.predict returned {positions.shape[1]} samples and {samples} were asked for: return {samples}, or 1 "
+            "if the predictor is deterministic."
+        )
+    if positions.dtype.kind != "f":
+        raise PredictorError(f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres.")
+    finite = np.isfinite(positions).all(axis=(1, 2, 3))
+    if not finite.all():
+        bad = int(np.flatnonzero(~finite)[0])
+        raise PredictorError(
+            f"{name}.predict returned NaN or infinite positions for {int((~finite).sum())} of {agents} agents, the first "
+            f"in row {bad} (agent {observation.agent[bad]}): every position must be finite."
+        )
+    weights = forecast.weights
+    if weights is not None:
+        weights = np.asarray(weights)
+        if weights.shape != positions.shape[:2] or not np.isfinite(weights).all() or (weights < 0).any():
+            raise PredictorError(
+                f"{name}.predict returned weights of shape {weights.shape}: expected {positions.shape[:2]}, finite and not "
+                "negative, or None."
+            )
+    return Forecast(positions.astype(np.float32, copy=False), weights)
+
+
+def frozen(observation: Observation) -> Observation:
+    """A copy of an observation whose arrays cannot be written to."""
+    return dataclasses.replace(
+        observation,
+        history=_locked(observation.history),
+        scene=_locked(observation.scene),
+        agent=_locked(observation.agent),
+    )
+
+
+def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
+    """Call a method of a predictor; whatever it raises becomes a PredictorError that names it."""
+    try:
+        return getattr(predictor, method)(*arguments, **keywords)
+    except MotionGymError:
+        raise
+    except Exception as error:
+        remedy = ""
+        if "read-only" in str(error) or "not writeable" in str(error):
+            remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
+        elif isinstance(error, TypeError) and "argument" in str(error):
+            remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
+        raise PredictorError(
+            f"{name_of(predictor)}.{method} raised {type(error).__name__}: {error}.{remedy}"
+        ) from error
+
+
+def _locked(array: np.ndarray) -> np.ndarray:
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy

@@ -1,0 +1,282 @@
+"""Recordings from text files, with errors that name the line.
+
+A good file is read by numpy's C parser and checked as arrays. Only when that finds something wrong is the
+file walked line by line, to say which line it is.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+
+from motion_gym.contract import DataError, Recording, SpecError
+
+_NAMES = ("frame", "id", "x", "y")
+_EXACT = 2**53  # whole numbers up to here survive the trip through float64
+
+
+class _Fault(NamedTuple):
+    """The first bad row of a table, the earlier row it clashes with, and what is wrong."""
+
+    row: int
+    earlier: int | None
+    kind: str
+    what: str
+
+
+def read_recording(
+    path: str | os.PathLike[str],
+    *,
+    dt: float = 0.4,
+    columns: Sequence[int] = (0, 1, 2, 3),
+    name: str | None = None,
+) -> Recording:
+    """Read the tracks of one place from a text file.
+
+    The file has one row per agent and frame, all of them numbers, separated by tabs, spaces or commas,
+    without a header, and every line ends with a newline. Frames do not decrease from line to line; the order
+    of agents within a frame is free. Blank lines are skipped.
+
+    Args:
+        path: The file.
+        dt: Seconds per step.
+        columns: Which columns, counted from 0, hold frame, id, x and y.
+        name: Name of the recording, for messages; by default the name of the file without its ending.
+
+    Returns:
+        Recording sorted by frame and agent, positions as they stand in the file.
+
+    Raises:
+        DataError: The file cannot be read, or a line is bad; the message names the first bad line and the
+            remedy.
+        SpecError: ``dt`` or ``columns`` is not allowed.
+    """
+    path = Path(path)
+    chosen = [int(column) for column in columns]
+    if len(chosen) != 4 or len(set(chosen)) != 4 or min(chosen) < 0:
+        raise SpecError(
+            f"columns={tuple(columns)!r} must be four different column numbers, counted from 0: those of "
+            "frame, id, x and y"
+        )
+    _check_dt(dt)
+    content = _bytes(path)
+    delimiter = "," if b"," in content.lstrip().partition(b"\n")[0] else None
+    table = _fast(path, content, delimiter, chosen)
+    if table is None or _first_fault(table) is not None:
+        table = _careful(path, content, chosen)
+    if not _rises(table):
+        table = table[np.lexsort((table[:, 1], table[:, 0]))]
+    return Recording(
+        frame=table[:, 0].astype(np.int64),
+        agent=table[:, 1].astype(np.int64),
+        xy=np.ascontiguousarray(table[:, 2:]),
+        dt=float(dt),
+        name=name or path.stem,
+    )
+
+
+def check_recording(recording: Recording) -> None:
+    """Check a recording that was built in memory, as a file would be.
+
+    Raises:
+        DataError: A column has the wrong shape or type, or a row is bad; the message names the first bad row,
+            counted from 0, and the remedy.
+        SpecError: ``dt`` is not allowed.
+    """
+    name, frame, agent, xy = recording.name, recording.frame, recording.agent, recording.xy
+    _check_dt(recording.dt)
+    for label, array, shape in (("frame", frame, "[R]"), ("agent", agent, "[R]"), ("xy", xy, "[R, 2]")):
+        if not isinstance(array, np.ndarray):
+            raise DataError(
+                f"recording {name}: {label} is a {type(array).__name__}; make it a numpy array {shape}."
+            )
+        right = (
+            array.shape == (len(frame), 2) if label == "xy" else array.ndim == 1 and len(array) == len(frame)
+        )
+        if not right:
+            raise DataError(
+                f"recording {name}: {label} has shape {array.shape}; expected {shape}, with the same number "
+                "of rows R in frame, agent and xy."
+            )
+        kinds, kind = ("f", "float64") if label == "xy" else ("iu", "int64")
+        if array.dtype.kind not in kinds:
+            raise DataError(
+                f"recording {name}: {label} is {array.dtype}; convert it: {label}.astype(numpy.{kind})."
+            )
+    if len(frame) == 0:
+        raise DataError(f"recording {name} has no rows. Expected at least one frame with one agent.")
+    table = np.column_stack([frame, agent, xy]).astype(np.float64)
+    fault = _first_fault(table)
+    if fault is None:
+        swapped = np.flatnonzero((np.diff(frame) == 0) & (np.diff(agent) < 0))
+        if len(swapped) == 0:
+            return
+        row = int(swapped[0]) + 1
+        fault = _Fault(
+            row, row - 1, "order", f"agent {agent[row]} comes after agent {agent[row - 1]} of its frame"
+        )
+    remedy = {
+        "order": "Sort all columns: order = numpy.lexsort((agent, frame)).",
+        "duplicate": "Keep one of the two rows, or give the second agent another id.",
+    }.get(fault.kind, "Correct or leave out the row.")
+    earlier = "" if fault.earlier is None else f" (row {fault.earlier})"
+    raise DataError(f"recording {name}, row {fault.row}: {fault.what}{earlier}. {remedy}")
+
+
+def _check_dt(dt: float) -> None:
+    if not (math.isfinite(dt) and dt > 0):
+        raise SpecError(f"dt={dt!r} is not allowed: seconds per step, a finite number above 0, such as 0.4")
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise DataError(f"there is no file {path}. Check the name and the folder.") from None
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}. Give a text file.") from None
+
+
+def _fast(path: Path, content: bytes, delimiter: str | None, columns: list[int]) -> np.ndarray | None:
+    """[R, 4] as read by numpy's C parser; None if the file needs a closer look."""
+    if not content.endswith((b"\n", b"\r")):
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            # By name, because numpy reads a file by itself in large pieces, but an open file line by line.
+            table = np.loadtxt(path, delimiter=delimiter, comments=None, ndmin=2, encoding="utf-8")
+        return table[:, columns]
+    except (ValueError, IndexError, UserWarning):
+        return None
+
+
+def _rises(table: np.ndarray) -> bool:
+    """Whether rows are sorted by frame and agent, each pair once; most files are, and need no sort."""
+    with np.errstate(invalid="ignore"):
+        frame, agent = np.diff(table[:, :2], axis=0).T
+    return bool(((frame > 0) | ((frame == 0) & (agent > 0))).all())
+
+
+def _first_fault(table: np.ndarray) -> _Fault | None:
+    """The first bad row of [R, 4] frame, id, x, y."""
+    faults = []
+    infinite = ~np.isfinite(table)
+    if infinite.any():
+        row = int(infinite.any(axis=1).argmax())
+        column = int(infinite[row].argmax())
+        faults.append(
+            _Fault(row, None, "finite", f"{_NAMES[column]} is {table[row, column]}, not a finite number")
+        )
+    with np.errstate(invalid="ignore"):
+        fraction = (table[:, :2] != np.rint(table[:, :2])) | (np.abs(table[:, :2]) >= _EXACT)
+        backwards = np.diff(table[:, 0]) < 0
+    if fraction.any():
+        row = int(fraction.any(axis=1).argmax())
+        column = int(fraction[row].argmax())
+        what = f"{_NAMES[column]} is {table[row, column]:.17g}, not a whole number below 2**53"
+        faults.append(_Fault(row, None, "whole", what))
+    if backwards.any():
+        row = int(backwards.argmax()) + 1
+        what = f"frame {table[row, 0]:.17g} comes after frame {table[row - 1, 0]:.17g}"
+        faults.append(_Fault(row, row - 1, "order", what))
+    if _rises(table):
+        return min(faults, key=lambda fault: fault.row, default=None)
+    order = np.lexsort((table[:, 1], table[:, 0]))
+    pairs = table[order, :2]
+    again = np.flatnonzero((pairs[1:] == pairs[:-1]).all(axis=1))
+    if len(again):
+        # lexsort is stable: of two equal rows the later one of the table comes second.
+        first = again[order[again + 1].argmin()]
+        row, earlier = int(order[first + 1]), int(order[first])
+        what = f"frame {table[row, 0]:.17g} has agent {table[row, 1]:.17g} a second time"
+        faults.append(_Fault(row, earlier, "duplicate", what))
+    return min(faults, key=lambda fault: fault.row, default=None)
+
+
+def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
+    """[R, 4] as read line by line; a DataError names the first bad line."""
+    text = content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
+    lines = [(number, line) for number, line in enumerate(text.split("\n"), 1) if line.strip()]
+    if not lines:
+        raise DataError(f"{path} is empty. Expected lines of numbers: {' '.join(_NAMES)}.")
+    # By majority, as the width below, because the first line itself may be the bad one.
+    delimiter = "," if 2 * sum("," in line for _, line in lines) > len(lines) else None
+    split = [[field.strip() for field in line.split(delimiter)] for _, line in lines]
+    width = Counter(map(len, split)).most_common(1)[0][0]
+    rows: list[list[float]] = []
+    bad: tuple[str, str] | None = None
+    for index, fields in enumerate(split):
+        bad = _bad_line(fields, width, columns, first=index == 0)
+        if (bad is None or index > 0) and index + 1 == len(split) and not text.endswith("\n"):
+            bad = (
+                "the file ends in the middle of this line",
+                "It was probably truncated: get it again. If the line is complete, end it with a newline.",
+            )
+        if bad is not None:
+            break
+        rows.append([float(fields[column]) for column in columns])
+    fault = _first_fault(np.array(rows).reshape(-1, 4))
+    if fault is not None:
+        earlier = "" if fault.earlier is None else f" (line {lines[fault.earlier][0]})"
+        _refuse(path, *lines[fault.row], fault.what + earlier, _remedy(fault.kind, path, delimiter, columns))
+    if bad is not None:
+        _refuse(path, *lines[len(rows)], *bad)
+    return np.array(rows)
+
+
+def _bad_line(fields: list[str], width: int, columns: list[int], first: bool) -> tuple[str, str] | None:
+    """What is wrong with the fields of a line, and the remedy."""
+    numeric = [_is_number(field) for field in fields]
+    if first and not any(numeric):
+        return "this is not a line of numbers", "Delete the header line."
+    if len(fields) != width:
+        return f"{len(fields)} columns where the other lines have {width}", "Correct or delete the line."
+    if width <= max(columns):
+        return (
+            f"{width} columns, but columns={tuple(columns)} needs {max(columns) + 1}",
+            "Say with `columns` which columns, counted from 0, hold frame, id, x and y.",
+        )
+    if not all(numeric):
+        field = fields[numeric.index(False)]
+        return (
+            f"column {numeric.index(False)} (counted from 0) is {field!r}, not a number",
+            "Correct or delete the line; numbers have a decimal point, and columns are separated by tabs, "
+            "spaces or commas.",
+        )
+    return None
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return field.isascii() and "_" not in field
+
+
+def _remedy(kind: str, path: Path, delimiter: str | None, columns: list[int]) -> str:
+    frame, agent = columns[0] + 1, columns[1] + 1
+    comma = "-t, " if delimiter else ""
+    keys = f"-k{frame},{frame}g -k{agent},{agent}g"
+    return {
+        "order": f"Sort it: `LC_ALL=C sort {comma}{keys} {path.name} > sorted.txt`.",
+        "duplicate": "Delete one of the two lines, or give the second agent another id.",
+        "finite": "Delete the line, so that the agent is not there in this frame.",
+        "whole": "Frames and ids are counted: correct the line, or say with `columns` where they are.",
+    }[kind]
+
+
+def _refuse(path: Path, number: int, line: str, what: str, remedy: str) -> NoReturn:
+    shown = line if len(line) <= 100 else line[:100] + "..."
+    raise DataError(
+        f"{path}, line {number}: {what}: {shown!r}. Expected {' '.join(_NAMES)} in each line, frames and ids "
+        f"whole numbers, x and y finite. {remedy}"
+    )

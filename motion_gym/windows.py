@@ -1,0 +1,162 @@
+"""From a recording to tracks, and from tracks to windows; all of it is array operations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, HISTORY, Observation, Recording, Truth
+
+Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(positions [A, 20, 2] float64, known [A, 20] bool) -> history [A, 8, F]; positions are zero where not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """A recording sorted by agent, then time, and cut where an agent was out of sight.
+
+    A step is one *listed* frame: frame numbers at which nobody was annotated do not count, as in the released program
+    of the paper. An agent that is lost and found again begins a new track.
+
+    Attributes:
+        tick: [R] int64, index of the row's frame among the listed frames.
+        track: [R] int64, which unbroken track the row belongs to, 0 .. T - 1.
+        agent: [R] int64, id of the agent as in the recording.
+        xy: [R, 2] float64, metres.
+        age: [R] int64, rows of the same track before this one.
+        left: [R] int64, rows of the same track after this one.
+        ticks: Number of listed frames.
+        dt: Seconds per step.
+    """
+
+    tick: np.ndarray
+    track: np.ndarray
+    agent: np.ndarray
+    xy: np.ndarray
+    age: np.ndarray
+    left: np.ndarray
+    ticks: int
+    dt: float
+
+    @classmethod
+    def of(cls, recording: Recording) -> Tracks:
+        """Sort and cut a recording."""
+        frames, tick = np.unique(recording.frame, return_inverse=True)
+        order = np.lexsort((tick, recording.agent))
+        tick, agent = tick[order].astype(np.int64), recording.agent[order]
+        new = np.ones(len(tick), bool)
+        new[1:] = (agent[1:] != agent[:-1]) | (tick[1:] != tick[:-1] + 1)
+        track = np.cumsum(new) - 1
+        start = np.flatnonzero(new)
+        length = np.diff(np.append(start, len(tick)))
+        age = np.arange(len(tick)) - np.repeat(start, length)
+        left = np.repeat(length, length) - 1 - age
+        return cls(tick, track, agent, recording.xy[order], age, left, len(frames), recording.dt)
+
+    def around(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The 20 steps whose last observed step is ``row``.
+
+        Args:
+            row: [A] rows with ``age`` of at least 7.
+
+        Returns:
+            positions [A, 20, 2] float64, zero where the track has ended, and known [A, 20] bool.
+        """
+        known = np.arange(-HISTORY + 1, FUTURE + 1) <= self.left[row, None]
+        steps = row[:, None] + np.arange(-HISTORY + 1, FUTURE + 1)
+        positions = self.xy[np.where(known, steps, row[:, None])]
+        positions[~known] = 0
+        return positions, known
+
+    def truth(self, row: np.ndarray, scene: np.ndarray, agent: np.ndarray, features: Features) -> Truth:
+        """Observation and truth of the agents at the given rows (their last observed steps)."""
+        positions, known = self.around(row)
+        history = features(positions, known).astype(np.float32)
+        observation = Observation(history, scene, agent, self.dt)
+        return Truth(positions[:, HISTORY:].astype(np.float32), known[:, HISTORY:], observation)
+
+
+def positions_only(positions: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The history without further features: [A, 8, 2]."""
+    return positions[:, :HISTORY]
+
+
+def windows_of(
+    recordings: Iterable[Recording], features: Features = positions_only, min_agents: int = 1, stride: int = 1
+) -> Truth:
+    """Cut recordings into windows of 20 consecutive listed frames.
+
+    An agent counts if it is present in all 20 frames, a window counts if at least ``min_agents`` agents do. Which
+    agents are complete is known only afterwards: that choice, made by every published evaluation, reads the future.
+
+    Args:
+        recordings: Places, one after another. Agent ids are shifted so that they differ between recordings.
+        features: Gives the history of each agent.
+        min_agents: Smallest number of complete agents in a window.
+        stride: Listed frames from the start of one window to the start of the next.
+
+    Returns:
+        Truth of all windows, in order of recording, start frame and agent; its scenes are the windows.
+    """
+    parts, shift = [], 0
+    for recording in recordings:
+        tracks = Tracks.of(recording)
+        row = np.flatnonzero((tracks.age >= HISTORY - 1) & (tracks.left >= FUTURE))
+        start = tracks.tick[row] - (HISTORY - 1)
+        if stride > 1:
+            row, start = row[start % stride == 0], start[start % stride == 0]
+        count = np.bincount(start, minlength=tracks.ticks)
+        enough = count[start] >= min_agents
+        row, start = row[enough], start[enough]
+        row = row[np.lexsort((tracks.agent[row], start))]
+        sizes = count[count >= max(min_agents, 1)]
+        scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features))
+        shift += int(recording.agent.max(initial=-1)) + 1
+    return stack(parts)
+
+
+def stack(parts: Sequence[Truth]) -> Truth:
+    """Put truths one after another; their scenes stay apart.
+
+    Raises:
+        ValueError: no part, or parts whose time steps or features differ.
+    """
+    if not parts:
+        raise ValueError("stack needs at least one Truth.")
+    kinds = {(p.observation.dt, p.observation.history.shape[2]) for p in parts}
+    if len(kinds) > 1:
+        raise ValueError(f"Cannot stack truths whose (dt, number of features) differ: {sorted(kinds)}.")
+    if len(parts) == 1:
+        return parts[0]
+    sizes = np.concatenate([np.diff(p.observation.scene) for p in parts])
+    observation = Observation(
+        np.concatenate([p.observation.history for p in parts]),
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        np.concatenate([p.observation.agent for p in parts]),
+        parts[0].observation.dt,
+    )
+    return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
+
+
+def pick_scenes(truth: Truth, scenes: np.ndarray | slice) -> Truth:
+    """The given scenes of a truth, in the given order."""
+    observation = truth.observation
+    chosen = np.arange(observation.scenes)[scenes]
+    sizes = np.diff(observation.scene)[chosen]
+    scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    rows = np.arange(scene[-1]) - np.repeat(scene[:-1], sizes) + np.repeat(observation.scene[chosen], sizes)
+    picked = Observation(observation.history[rows], scene, observation.agent[rows], observation.dt)
+    return Truth(truth.future[rows], truth.known[rows], picked)
+
+
+def empty_truth(features: int, dt: float) -> Truth:
+    """A truth of no scenes."""
+    observation = Observation(
+        np.zeros((0, HISTORY, features), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
+    )
+    return Truth(np.zeros((0, FUTURE, 2), np.float32), np.zeros((0, FUTURE), bool), observation)
+
+

@@ -1,0 +1,90 @@
+"""Ridge regression from the history to the future, in the frame of each agent's heading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
+
+
+class Linear:
+    """Linear map from the 7 observed displacements to the 12 future offsets, turned so that the last step points along x.
+
+    Deterministic; every agent by itself. Fits in closed form, all environments together:
+    ``W = (X'X + ridge I)^-1 X'Y``, where X has the 14 rotated displacement values, the 8 values of sigma if asked
+    for, and a bias, and Y the 24 rotated offsets from the last observed position. Agents whose future is not fully
+    known are left out.
+
+    Args:
+        sigma: Use the third feature of the history too. The default never looks at it.
+        ridge: L2 weight, >= 0, in the units of the data (metres, and whatever unit sigma has).
+    """
+
+    def __init__(self, sigma: bool = False, ridge: float = 1.0):
+        if isinstance(ridge, (str, bool)) or not 0 <= ridge < np.inf:
+            raise SpecError(f"`ridge={ridge}` of linear must be a number, 0 or more.")
+        if not isinstance(sigma, bool):
+            raise SpecError(f"`sigma={sigma}` of linear must be true or false.")
+        self.sigma = sigma
+        self.ridge = ridge
+        self.weight: np.ndarray | None = None
+
+    @property
+    def fitted(self) -> bool:
+        """Whether ``fit`` has been called."""
+        return self.weight is not None
+
+    def fit(self, train: Sequence[Truth], validation: Sequence[Truth] = (), seed: int = 0) -> Linear:
+        """Fit to the windows of all environments; validation and seed are not needed.
+
+        Raises:
+            PredictorError: there is no fully known window to learn from.
+        """
+        rows, targets = [], []
+        for truth in train:
+            inputs, turn = self._inputs(truth.observation)
+            complete = truth.known.all(axis=1)
+            offset = truth.future - truth.observation.xy[:, -1:]
+            rows.append(inputs[complete])
+            targets.append((offset.astype(np.float64) @ turn)[complete].reshape(-1, 2 * FUTURE))
+        x = np.concatenate(rows) if rows else np.zeros((0, 1))
+        if not len(x):
+            raise PredictorError("linear cannot be fitted: the training set has no agent with 12 known future steps.")
+        y = np.concatenate(targets)
+        self.weight = np.linalg.solve(x.T @ x + self.ridge * np.eye(x.shape[1]), x.T @ y)
+        return self
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres.
+
+        Raises:
+            PredictorError: not fitted, or sigma is asked for and the observation has none.
+        """
+        if self.weight is None:
+            raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")
+        inputs, turn = self._inputs(observation)
+        # One row at a time would give other last bits than a batch with BLAS: einsum sums each row alike.
+        offset = np.einsum("ai,ij->aj", inputs, self.weight).reshape(-1, FUTURE, 2)
+        positions = observation.xy[:, -1:] + offset @ turn.transpose(0, 2, 1)
+        return Forecast(positions[:, None].astype(np.float32))
+
+    def _inputs(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
+        """Rows [A, 15 or 23] and the matrices [A, 2, 2] that turn world row vectors into the heading frame."""
+        step = np.diff(observation.xy.astype(np.float64), axis=1)
+        length = np.hypot(step[:, -1, 0], step[:, -1, 1])
+        moving = length > 0
+        cos = np.where(moving, step[:, -1, 0] / np.where(moving, length, 1), 1.0)
+        sin = np.where(moving, step[:, -1, 1] / np.where(moving, length, 1), 0.0)
+        turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], 1)
+        columns = [(step @ turn).reshape(len(step), 2 * (HISTORY - 1))]
+        if self.sigma:
+            if observation.history.shape[2] < 3:
+                raise PredictorError(
+                    "linear:sigma=true needs a third feature, and this domain gives x and y alone: "
+                    "use a domain with sigma, as eth:alpha=8, or linear without sigma."
+                )
+            columns.append(observation.history[:, :, 2].astype(np.float64))
+        columns.append(np.ones((len(step), 1)))
+        return np.concatenate(columns, axis=1), turn

@@ -1,0 +1,16 @@
+"""Everybody stays where they were last seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, Forecast, Observation
+
+
+class StandStill:
+    """Repeats the last observed position; the floor that every forecaster should clear. Deterministic."""
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres."""
+        last = observation.xy[:, None, -1:]
+        return Forecast(np.repeat(last, FUTURE, axis=2))
