@@ -60,7 +60,9 @@ class EthUcy(RecordedDomain):
     test_files: ClassVar[tuple[str, ...]]
     columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     source = "ETH (BIWI walking pedestrians) and UCY (crowds by example)"
-    terms = "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
+    terms = (
+        "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
+    )
 
     def __init__(
         self,
@@ -76,14 +78,22 @@ class EthUcy(RecordedDomain):
         _one_of(self.place, "sigma", self.sigma, ("none", "paper", "past"))
         _one_of(self.place, "curvature", curvature, ("norm", "squared"))
         if alpha is not None and (isinstance(alpha, (bool, str)) or not 0 < alpha < math.inf):
-            raise SpecError(f"`alpha={alpha}` of domain `{self.place}` must be a number above 0, as in alpha=64.")
+            raise SpecError(
+                f"`alpha={alpha}` of domain `{self.place}` must be a number above 0, as in alpha=64."
+            )
         if alpha is not None and self.sigma == "none":
-            raise SpecError(f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past.")
+            raise SpecError(
+                f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past."
+            )
         for key, value in (("min_agents", min_agents), ("stride", stride)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise SpecError(f"`{key}={value}` of domain `{self.place}` must be a whole number, 1 or more.")
+                raise SpecError(
+                    f"`{key}={value}` of domain `{self.place}` must be a whole number, 1 or more."
+                )
         if not 0 <= reference_share < 1:
-            raise SpecError(f"`reference_share={reference_share}` of domain `{self.place}` must be in [0, 1).")
+            raise SpecError(
+                f"`reference_share={reference_share}` of domain `{self.place}` must be in [0, 1)."
+            )
         self.alpha = alpha if alpha is None or self.sigma == "none" else float(alpha)
         if self.sigma != "none" and alpha is None:
             self.alpha = 1.0
@@ -125,7 +135,7 @@ class EthUcy(RecordedDomain):
         )
 
     def side_channels(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """sigma of the released program, which reads 8 steps ahead: [A, 8, 1].
+        """Sigma of the released program, which reads 8 steps ahead: [A, 8, 1].
 
         Where an agent leaves before, its last known velocity is held (this happens on the stream clock only).
         """
@@ -137,7 +147,7 @@ class EthUcy(RecordedDomain):
         return self._noise(velocity[:, HISTORY : 2 * HISTORY] - velocity[:, :HISTORY])
 
     def features(self, history: np.ndarray) -> np.ndarray:
-        """sigma from the observed steps: the change of velocity from the step before, 0 where there is none."""
+        """Sigma from the observed steps: the change of velocity from the step before, 0 where there is none."""
         velocity = np.round(np.diff(history, axis=1), 4)
         change = np.zeros_like(history)
         change[:, 2:] = np.diff(velocity, axis=1)

@@ -20,7 +20,8 @@ from motion_gym.contract import SpecError
 
 PARALLEL = np.float32(1e-5)
 """Lines whose unit directions span no more than this area count as parallel, as in RVO2."""
-CHUNK = 4096
+ONE, HALF, TINY, FAR = np.float32(1), np.float32(0.5), np.float32(1e-30), np.float32(1e30)
+CHUNK = 16384
 """Pairs that are worked on together, so that their arrays stay in the cache."""
 
 
@@ -210,14 +211,13 @@ class _Crowd:
         self.lines = line[~np.eye(agents, dtype=bool)].reshape(agents, max(agents - 1, 0))
 
     def step(self) -> tuple[np.ndarray, np.ndarray]:
-        """Move everyone by one time step; return agent and scene of every linear program that was infeasible."""
+        """Move everyone by one time step; return agent and scene of every infeasible linear program."""
         wish = self.goal - self.position
         wish /= np.maximum(np.sqrt(_dot(wish, wish)) / float(self.max_speed), 1.0)
         wish = wish.astype(np.float32)
-        velocity = wish.copy()
-        square = _dot(wish, wish)
-        fast = square > self.max_speed * self.max_speed
-        velocity[:, fast] = wish[:, fast] * (1 / np.sqrt(square[fast])) * self.max_speed
+        square, limit = _dot(wish, wish), self.max_speed * self.max_speed
+        slowed = wish * (ONE / np.sqrt(np.maximum(square, limit))) * self.max_speed
+        velocity = _select(square > limit, slowed, wish)
         infeasible = self._avoid(wish, velocity)
         self.velocity = velocity
         self.position += velocity * self.time_step
@@ -227,27 +227,26 @@ class _Crowd:
         """Replace in ``velocity`` what the half-planes do not allow."""
         point, direction, square = self._half_planes()
         broken = _cross(direction, point - velocity[:, self.owner]) > 0
-        agent, scene = np.nonzero(broken[self.lines].any(axis=1))
-        if not len(agent):
+        who = np.flatnonzero(broken[self.lines].any(axis=1))
+        agent, scene = np.divmod(who, square.shape[1])
+        if not len(who):
             return agent, scene
 
-        line = self.lines[agent]
-        if line.shape[1] > 1:
-            distance = square[line % len(square), scene[:, None]]
+        place = self.lines[agent].T * square.shape[1] + scene
+        if len(place) > 1:
+            distance = square.ravel()[(place % square.size).T]
             order = np.argsort(distance, axis=1, kind="stable")[:, : self.max_neighbors]
-            line = np.take_along_axis(line, order, axis=1)
-        line = line.T
-        point, direction = point[:, line, scene], direction[:, line, scene]
-        direction[:, square[line % len(square), scene] >= self.range] = 0
+            place = np.take_along_axis(place, order.T, axis=0)
+        point, direction = (np.take(lines.reshape(2, -1), place, axis=1) for lines in (point, direction))
+        direction *= np.take(square, place % square.size) < self.range
 
-        wish = wish[:, agent, scene]
-        chosen, failed = _nearest(point, direction, velocity[:, agent, scene], wish, self.max_speed)
-        bad = np.flatnonzero(failed < len(line))
+        velocity, wish = velocity.reshape(2, -1), np.take(wish.reshape(2, -1), who, axis=1)
+        chosen, failed = _nearest(point, direction, np.take(velocity, who, axis=1), wish, self.max_speed)
+        bad = np.flatnonzero(failed < len(place))
         if len(bad):
-            chosen[:, bad] = _least_violating(
-                point[:, :, bad], direction[:, :, bad], chosen[:, bad], failed[bad], self.max_speed
-            )
-        velocity[:, agent, scene] = chosen
+            point, direction = np.take(point, bad, axis=2), np.take(direction, bad, axis=2)
+            _put(chosen, bad, _least_violating(point, direction, chosen[:, bad], failed[bad], self.max_speed))
+        _put(velocity, who, chosen)
         return agent[bad], scene[bad]
 
     def _half_planes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -261,7 +260,7 @@ class _Crowd:
         relative = one - other
         square, reach, reach_square = _dot(between, between), self.reach, self.reach * self.reach
         touching = square <= reach_square
-        rate = np.where(touching, self.touching_rate, self.rate) if touching.any() else self.rate
+        rate = _select(touching, self.touching_rate, self.rate) if touching.any() else self.rate
 
         # w leads from the centre of the cut-off circle to the relative velocity.
         w = relative - rate * between
@@ -270,18 +269,16 @@ class _Crowd:
 
         # The left leg if w turns left of the line between the agents, else, also when dead ahead, the right one.
         leg = np.sqrt(np.maximum(square - reach_square, 0))
-        leg = np.where(_cross(between, w) > 0, leg, -leg)
+        leg = _select(_cross(between, w) > 0, leg, -leg)
         toward = np.stack([between[0] * leg - between[1] * reach, between[0] * reach + between[1] * leg])
-        toward *= 1 / square
+        toward *= ONE / square
         change = _dot(relative, toward) * toward - relative
 
-        w_length = np.sqrt(w_square)
-        outward = w * (1 / w_length)
-        np.copyto(toward[0], outward[1], where=circle)
-        np.copyto(toward[1], -outward[0], where=circle)
-        np.copyto(change, (reach * rate - w_length) * outward, where=circle)
-
-        change *= np.float32(0.5)
+        length = np.sqrt(w_square)
+        outward = w * (ONE / np.maximum(length, TINY))
+        toward = _select(circle, np.stack([outward[1], -outward[0]]), toward)
+        change = _select(circle, (reach * rate - length) * outward, change)
+        change *= HALF
         return np.hstack([one + change, other - change]), np.hstack([toward, -toward]), square
 
 
@@ -295,6 +292,17 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[0] * b[1] - a[1] * b[0]
 
 
+def _select(mask: np.ndarray, yes: np.ndarray, no: np.ndarray) -> np.ndarray:
+    """Do what ``numpy.where`` does for finite numbers, without its branches: several times faster."""
+    mask = mask.astype(np.float32)
+    return yes * mask + no * (ONE - mask)
+
+
+def _put(array: np.ndarray, place: np.ndarray, value: np.ndarray) -> None:
+    """Do ``array[:, place] = value`` row by row, which is several times faster."""
+    array[0][place], array[1][place] = value
+
+
 def _nearest(point, direction, velocity, target, speed, along=False):
     """Solve M linear programs in the plane, of L half-planes and a circle each.
 
@@ -304,7 +312,7 @@ def _nearest(point, direction, velocity, target, speed, along=False):
     Args:
         point: [2, L, M] a point on each border.
         direction: [2, L, M] its direction.
-        velocity: [2, M] the best velocity inside the circle alone.
+        velocity: [2, M] the best velocity inside the circle alone; changed in place.
         target: [2, M] what to come close to; with ``along`` the unit vector to go far along.
         speed: Radius of the circle.
         along: What ``target`` is.
@@ -313,7 +321,7 @@ def _nearest(point, direction, velocity, target, speed, along=False):
         Velocity [2, M], and [M] the first half-plane that could not be met (the velocity is then the best one before
         it), or L.
     """
-    velocity, count = velocity.copy(), point.shape[1]
+    count = point.shape[1]
     failed = np.full(point.shape[2], count)
     for last in range(count):
         broken = _cross(direction[:, last], point[:, last] - velocity) > 0
@@ -321,25 +329,29 @@ def _nearest(point, direction, velocity, target, speed, along=False):
         if not len(who):
             continue
         # The border is base + t * way; circle and earlier half-planes leave t in [left, right].
-        base, way = point[:, last, who], direction[:, last, who]
+        base, way, goal = (np.take(a, who, axis=1) for a in (point[:, last], direction[:, last], target))
         middle = _dot(base, way)
         room = middle * middle + speed * speed - _dot(base, base)
         half = np.sqrt(np.maximum(room, 0))
-        left, right, possible = -middle - half, -middle + half, room >= 0
+        left, right, possible = -middle - half, half - middle, room >= 0
         if last:
-            area = _cross(way[:, None], direction[:, :last, who])
-            slack = _cross(direction[:, :last, who], base[:, None] - point[:, :last, who])
+            ways = np.take(direction[:, :last], who, axis=2)
+            area = _cross(way[:, None], ways)
+            slack = _cross(ways, base[:, None] - np.take(point[:, :last], who, axis=2))
             parallel = np.abs(area) <= PARALLEL
-            t = slack / np.where(parallel, 1, area)
-            right = np.minimum(right, np.where(parallel | (area < 0), np.inf, t).min(axis=0))
-            left = np.maximum(left, np.where(parallel | (area > 0), -np.inf, t).max(axis=0))
+            t = slack / (area + parallel)
+            right = np.minimum(right, (t + FAR * (area <= PARALLEL)).min(axis=0))
+            left = np.maximum(left, (t - FAR * (area >= -PARALLEL)).max(axis=0))
             possible &= (left <= right) & ~(parallel & (slack < 0)).any(axis=0)
         if along:
-            t = np.where(_dot(target[:, who], way) > 0, right, left)
+            t = _select(_dot(goal, way) > 0, right, left)
         else:
-            t = np.minimum(np.maximum(_dot(way, target[:, who] - base), left), right)
-        velocity[:, who[possible]] = (base + t * way)[:, possible]
-        failed[who[~possible]] = last
+            t = np.minimum(np.maximum(_dot(way, goal - base), left), right)
+        best = base + t * way
+        if not possible.all():
+            failed[who[~possible]] = last
+            who, best = who[possible], np.compress(possible, best, axis=1)
+        _put(velocity, who, best)
     return velocity, failed
 
 
@@ -349,34 +361,33 @@ def _least_violating(point, direction, velocity, failed, speed):
     Args:
         point: [2, L, M] a point on each border.
         direction: [2, L, M] its direction.
-        velocity: [2, M] the best velocities before the half-plane that could not be met.
+        velocity: [2, M] the best velocities before the half-plane that could not be met; changed in place.
         failed: [M] that half-plane.
         speed: Radius of the circle.
 
     Returns:
         [2, M] velocities.
     """
-    velocity, worst = velocity.copy(), np.zeros(point.shape[2], np.float32)
+    worst = np.zeros(point.shape[2], np.float32)
     for last in range(failed.min(), point.shape[1]):
         violation = _cross(direction[:, last], point[:, last] - velocity)
         who = np.flatnonzero((violation > worst) & (failed <= last))
         if not len(who):
             continue
-        # Where an earlier half-plane is violated less than this one: again a half-plane, bounded by a bisector.
-        base, way = point[:, None, last, who], direction[:, None, last, who]
-        bases, ways = point[:, :last, who], direction[:, :last, who]
+        # Where an earlier half-plane is violated less than this one: a half-plane again, bounded by the bisector.
+        base, way = (np.take(a[:, last : last + 1], who, axis=2) for a in (point, direction))
+        bases, ways = (np.take(a[:, :last], who, axis=2) for a in (point, direction))
         area = _cross(way, ways)
         parallel = np.abs(area) <= PARALLEL
-        meet = base + _cross(ways, base - bases) / np.where(parallel, 1, area) * way
-        meet = np.where(parallel, np.float32(0.5) * (base + bases), meet)
+        meet = base + _cross(ways, base - bases) / (area + parallel) * way
+        meet = _select(parallel, HALF * (base + bases), meet)
         bisector = ways - way
-        length = np.sqrt(_dot(bisector, bisector))
-        same = parallel & (_dot(way, ways) > 0)
-        bisector = np.where(same, 0, bisector * (1 / np.where(same, 1, length)))
+        bisector *= ONE / np.maximum(np.sqrt(_dot(bisector, bisector)), TINY)
+        bisector *= ~(parallel & (_dot(way, ways) > 0))
         inward = np.stack([-way[1, 0], way[0, 0]])
         better, stopped = _nearest(meet, bisector, inward * speed, inward, speed, along=True)
-        # This is feasible by definition; where rounding says otherwise the velocity stays.
+        # Feasible by definition: where rounding says otherwise the velocity stays.
         met = stopped == last
-        velocity[:, who[met]] = better[:, met]
-        worst[who] = _cross(way[:, 0], base[:, 0] - velocity[:, who])
+        _put(velocity, who[met], np.compress(met, better, axis=1))
+        worst[who] = _cross(way[:, 0], base[:, 0] - np.take(velocity, who, axis=1))
     return velocity

@@ -116,7 +116,9 @@ class WindowsClock:
     def reset(self) -> Step:
         """Go to the first window."""
         self._at = 0
-        return self._reveal(np.zeros(0), self._settle(pick_scenes(self.truth, slice(0, 0)), Forecast(_NOTHING), 0))
+        return self._reveal(
+            np.zeros(0), self._settle(pick_scenes(self.truth, slice(0, 0)), Forecast(_NOTHING), 0)
+        )
 
     def step(self, forecast: Forecast) -> Step:
         """Score the forecasts of this window and go to the next."""
@@ -246,7 +248,9 @@ class StreamClock:
         rows = self._rows[self._at] if self._at < len(self._rows) else np.zeros(0, np.int64)
         identity = self._identity[rows]
         scene = np.array([0, len(rows)] if len(rows) else [0])
-        return Step(self.tracks.truth(rows, scene, identity, self.features).observation, identity, reward, settled)
+        return Step(
+            self.tracks.truth(rows, scene, identity, self.features).observation, identity, reward, settled
+        )
 
     def _settle(self, rows: np.ndarray, forecast: Forecast) -> Settled:
         made = self.tracks.tick[rows]
@@ -322,5 +326,3 @@ def _join(*forecasts: Forecast) -> Forecast:
         np.concatenate([f.positions for f in filled]),
         np.concatenate(weights) if len(weights) == len(filled) else None,
     )
-
-

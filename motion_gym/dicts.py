@@ -10,7 +10,9 @@ import numpy as np
 from motion_gym.contract import HISTORY, Forecast, Observation, Truth
 
 
-def observation_from_dict(observations: Mapping[str, np.ndarray], dt: float, agents: Sequence[str]) -> Observation:
+def observation_from_dict(
+    observations: Mapping[str, np.ndarray], dt: float, agents: Sequence[str]
+) -> Observation:
     """One scene from the observations of a PettingZoo environment.
 
     Args:
@@ -19,7 +21,9 @@ def observation_from_dict(observations: Mapping[str, np.ndarray], dt: float, age
         agents: ``env.agents``; those that have left are in the dict too, but need no forecast.
     """
     if not agents:
-        return Observation(np.zeros((0, HISTORY, 2), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt)
+        return Observation(
+            np.zeros((0, HISTORY, 2), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
+        )
     history = np.stack([observations[name] for name in agents])
     return Observation(history, np.array([0, len(agents)]), np.array([_number(n) for n in agents]), dt)
 
@@ -46,5 +50,3 @@ def truth_from_infos(infos: Mapping[str, Mapping[str, Any]], dt: float) -> Truth
 
 def _number(name: str) -> int:
     return int(name.rsplit("_", 1)[1])
-
-

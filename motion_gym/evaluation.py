@@ -72,7 +72,11 @@ class Scorecard:
 
     def as_dict(self) -> dict[str, Any]:
         """All of it in JSON types, except the values per agent; NaN becomes None."""
-        plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("values", "truth")}
+        plain = {
+            f.name: getattr(self, f.name)
+            for f in dataclasses.fields(self)
+            if f.name not in ("values", "truth")
+        }
         units = {row.name: row for row in metric_rows(self.k)}
         plain["domain"] = dataclasses.asdict(self.domain)
         plain["aggregation"] = (
@@ -80,7 +84,11 @@ class Scorecard:
             "J*: best sample of each scene; intervals: 95 %, bootstrap of whole agents (1000 replicates)"
         )
         plain["metrics"] = {
-            name: {**dataclasses.asdict(s), "unit": units[name].unit, "lower_is_better": units[name].lower_is_better}
+            name: {
+                **dataclasses.asdict(s),
+                "unit": units[name].unit,
+                "lower_is_better": units[name].lower_is_better,
+            }
             for name, s in self.metrics.items()
         }
         plain["versus_baseline"] = {
@@ -135,7 +143,9 @@ def evaluate(
     if protocol not in PROTOCOLS:
         raise SpecError(f"There is no protocol `{protocol}`.{catalog.suggest(str(protocol), PROTOCOLS)}")
     if through not in ("arrays", "environment"):
-        raise SpecError(f"`through={through}` is not known.{catalog.suggest(str(through), ('arrays', 'environment'))}")
+        raise SpecError(
+            f"`through={through}` is not known.{catalog.suggest(str(through), ('arrays', 'environment'))}"
+        )
     k = k if k is not None else (20 if protocol == "paper" else 1)
     if isinstance(k, bool) or not isinstance(k, int) or k < 1:
         raise SpecError(f"`k={k}` must be a whole number, 1 or more: the number of samples per agent.")
@@ -170,7 +180,9 @@ def evaluate(
         seed=seed,
         metrics=summarise(values, truth.observation),
         horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
-        versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
+        versus_baseline={
+            name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")
+        },
         notes=_notes(made, card, protocol),
         selection=getattr(made, "selection", "not stated by the predictor"),
         reference_scenes=references,
@@ -189,10 +201,14 @@ def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
     """
     same = len(a.truth.future) == len(b.truth.future) and np.array_equal(a.truth.future, b.truth.future)
     if not same:
-        raise SpecError("The two scorecards are about different windows: compare predictors on one domain and split.")
+        raise SpecError(
+            "The two scorecards are about different windows: compare predictors on one domain and split."
+        )
     for card in (a, b):
         if metric not in card.values:
-            raise SpecError(f"The scorecard of {card.predictor} has no `{metric}`.{catalog.suggest(metric, card.values)}")
+            raise SpecError(
+                f"The scorecard of {card.predictor} has no `{metric}`.{catalog.suggest(metric, card.values)}"
+            )
     return paired_difference(a.values[metric], b.values[metric], a.truth.observation.agent)
 
 
@@ -206,8 +222,14 @@ def counts(truth: Truth) -> dict[str, int]:
     }
 
 
-def _by_stepping(predictor: Predictor, domain: Domain, split: str, k: int, seed: int) -> tuple[Forecast, Truth]:
-    samples = k if len(ask(predictor, pick_scenes(domain.windows(split), [0]).observation, k, seed).positions[0]) > 1 else 1
+def _by_stepping(
+    predictor: Predictor, domain: Domain, split: str, k: int, seed: int
+) -> tuple[Forecast, Truth]:
+    samples = (
+        k
+        if len(ask(predictor, pick_scenes(domain.windows(split), [0]).observation, k, seed).positions[0]) > 1
+        else 1
+    )
     env = ForecastEnv(domain, split=split, samples=samples)
     observations, _ = env.reset()
     while env.agents:

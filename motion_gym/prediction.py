@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.contract import FUTURE, Domain, Forecast, MotionGymError, Observation, Predictor, PredictorError, Truth
+from motion_gym.contract import (
+    FUTURE,
+    Domain,
+    Forecast,
+    MotionGymError,
+    Observation,
+    Predictor,
+    PredictorError,
+    Truth,
+)
 from motion_gym.domains import training_set
 
 
@@ -84,7 +93,9 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
             "if the predictor is deterministic."
         )
     if positions.dtype.kind != "f":
-        raise PredictorError(f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres.")
+        raise PredictorError(
+            f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres."
+        )
     finite = np.isfinite(positions).all(axis=(1, 2, 3))
     if not finite.all():
         bad = int(np.flatnonzero(~finite)[0])
@@ -124,7 +135,11 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
         if "read-only" in str(error) or "not writeable" in str(error):
             remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
         elif isinstance(error, TypeError) and "argument" in str(error):
-            remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
+            remedy = (
+                " The signature is predict(self, observation, samples=1, seed=0)."
+                if method == "predict"
+                else ""
+            )
         raise PredictorError(
             f"{name_of(predictor)}.{method} raised {type(error).__name__}: {error}.{remedy}"
         ) from error

@@ -38,7 +38,9 @@ class Padded:
         **parameters: Parameters of the domain.
     """
 
-    def __init__(self, domain: str | Domain, split: str, max_agents: int | None, samples: int, **parameters: Any):
+    def __init__(
+        self, domain: str | Domain, split: str, max_agents: int | None, samples: int, **parameters: Any
+    ):
         self.domain = catalog.domain(domain, **parameters)
         self.truth = self.domain.windows(split)
         self.sizes = np.diff(self.truth.observation.scene)
@@ -57,7 +59,9 @@ class Padded:
         features = self.truth.observation.history.shape[2]
         infinite = np.inf
         self.observation_space = gymnasium.spaces.Dict(
-            history=gymnasium.spaces.Box(-infinite, infinite, (self.max_agents, HISTORY, features), np.float32),
+            history=gymnasium.spaces.Box(
+                -infinite, infinite, (self.max_agents, HISTORY, features), np.float32
+            ),
             mask=gymnasium.spaces.MultiBinary(self.max_agents),
         )
         self.action_space = gymnasium.spaces.Box(
@@ -65,7 +69,7 @@ class Padded:
         )
 
     def observe(self, windows: np.ndarray) -> dict[str, np.ndarray]:
-        """history [N, max_agents, 8, F] and mask [N, max_agents] of the given windows."""
+        """History [N, max_agents, 8, F] and mask [N, max_agents] of the given windows."""
         mask, rows = self._rows(windows)
         history = np.zeros((*mask.shape, *self.truth.observation.history.shape[1:]), np.float32)
         history[mask] = self.truth.observation.history[rows]
@@ -76,7 +80,9 @@ class Padded:
         mask, rows = self._rows(windows)
         forecast = actions[mask]
         if not np.isfinite(forecast).all():
-            raise ActionError("The action has NaN or infinite positions for agents whose mask is 1: all must be finite.")
+            raise ActionError(
+                "The action has NaN or infinite positions for agents whose mask is 1: all must be finite."
+            )
         known, future = self.truth.known[rows], self.truth.future[rows]
         error = np.zeros(mask.shape)
         error[mask] = ade(Forecast(forecast), _one_scene(future, known, self.truth, rows))
@@ -97,7 +103,9 @@ class Padded:
 
 def _one_scene(future: np.ndarray, known: np.ndarray, truth: Truth, rows: np.ndarray) -> Truth:
     whole = truth.observation
-    return Truth(future, known, Observation(whole.history[rows], np.array([0, len(rows)]), whole.agent[rows], whole.dt))
+    return Truth(
+        future, known, Observation(whole.history[rows], np.array([0, len(rows)]), whole.agent[rows], whole.dt)
+    )
 
 
 class WindowEnv(gymnasium.Env):
@@ -150,7 +158,9 @@ class WindowEnv(gymnasium.Env):
         extent = WindowsClock(self.padded.truth).extent
         self._canvas = Canvas(card.name, extent, card.unit, self.metadata["render_fps"])
 
-    def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict[str, np.ndarray], dict]:
+    def reset(
+        self, *, seed: int | None = None, options: dict | None = None
+    ) -> tuple[dict[str, np.ndarray], dict]:
         """Go to the first window. The data is what it is: seed and options change nothing."""
         super().reset(seed=seed)
         self.window = 0
@@ -191,7 +201,9 @@ class WindowEnv(gymnasium.Env):
             return
         truth = pick_scenes(self.padded.truth, slice(window, window + 1))
         forecast = None if action is None else Forecast(action[: self.padded.sizes[window]])
-        self._canvas.update(window, truth.observation, None if action is None else truth, forecast, np.zeros((0, 13, 2)))
+        self._canvas.update(
+            window, truth.observation, None if action is None else truth, forecast, np.zeros((0, 13, 2))
+        )
         if self.render_mode == "human":
             self._canvas.show()
 
@@ -226,7 +238,9 @@ class WindowVectorEnv(VectorEnv):
         **parameters: Any,
     ):
         if render_mode is not None:
-            raise SpecError("The vector environment draws no pictures: leave render_mode out, or use one environment.")
+            raise SpecError(
+                "The vector environment draws no pictures: leave render_mode out, or use one environment."
+            )
         self.padded = Padded(domain, split, max_agents, samples, **parameters)
         self.domain = self.padded.domain
         windows = len(self.padded.sizes)

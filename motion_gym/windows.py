@@ -138,7 +138,9 @@ def stack(parts: Sequence[Truth]) -> Truth:
         np.concatenate([p.observation.agent for p in parts]),
         parts[0].observation.dt,
     )
-    return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
+    return Truth(
+        np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation
+    )
 
 
 def pick_scenes(truth: Truth, scenes: np.ndarray | slice) -> Truth:
@@ -158,5 +160,3 @@ def empty_truth(features: int, dt: float) -> Truth:
         np.zeros((0, HISTORY, features), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
     )
     return Truth(np.zeros((0, FUTURE, 2), np.float32), np.zeros((0, FUTURE), bool), observation)
-
-

@@ -51,7 +51,9 @@ class Linear:
             targets.append((offset.astype(np.float64) @ turn)[complete].reshape(-1, 2 * FUTURE))
         x = np.concatenate(rows) if rows else np.zeros((0, 1))
         if not len(x):
-            raise PredictorError("linear cannot be fitted: the training set has no agent with 12 known future steps.")
+            raise PredictorError(
+                "linear cannot be fitted: the training set has no agent with 12 known future steps."
+            )
         y = np.concatenate(targets)
         self.weight = np.linalg.solve(x.T @ x + self.ridge * np.eye(x.shape[1]), x.T @ y)
         return self
@@ -63,7 +65,9 @@ class Linear:
             PredictorError: not fitted, or sigma is asked for and the observation has none.
         """
         if self.weight is None:
-            raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")
+            raise PredictorError(
+                "linear is not fitted: call fit(train, validation, seed), or evaluate it by name."
+            )
         inputs, turn = self._inputs(observation)
         # One row at a time would give other last bits than a batch with BLAS: einsum sums each row alike.
         offset = np.einsum("ai,ij->aj", inputs, self.weight).reshape(-1, FUTURE, 2)

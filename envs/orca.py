@@ -1,0 +1,204 @@
+"""ORCA circle crossing: simulated crowds whose style is the distance they keep."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+
+from motion_gym.contract import WINDOW, Recording, SpecError
+from motion_gym.domains import RecordedDomain
+from motion_gym.envs.rvo import ENGINE_VERSION, simulate
+from motion_gym.storage import cached_arrays
+
+STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
+"""Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""
+SOURCE_STYLES = (0.1, 0.3, 0.5)
+TIME_STEP = 0.02
+FIRST, EVERY, STEPS = 19, 20, 399
+"""Steps to the first frame, between frames, and in all. Frames are 0.4 s apart, and everyone rests for the first 0.02 s
+of the 8 s: so the released scenes, whose starts and drop-outs fit no other offset."""
+ARRIVED = 1.0 - TIME_STEP
+"""Metres per m/s of speed: a scene is dropped if an agent is this near its goal at the last frame (that is, was within
+1 s of it one step earlier)."""
+CLEAR_OF_GOALS = 0.5
+"""Metres: nobody starts nearer than this to the goal of another agent."""
+ANGLE = np.deg2rad(45)
+"""Half width of the interval from which the angle between two agents is drawn, around 180 degrees."""
+TRIES, ROUNDS = 30, 100
+
+
+class Orca(RecordedDomain):
+    """Agents that cross a circle and avoid each other by ORCA, simulated when first needed.
+
+    ## Description
+    Two (or up to 20) agents start on a circle, each bound for the opposite point, and avoid each other by optimal
+    reciprocal collision avoidance (van den Berg et al. 2011). The *style* is the radius d of the agents: they keep
+    their centres 2 d apart, which the paper calls a minimum separation of d. With two agents the scenes are
+    distributed as the released ones of "Towards Robust and Adaptive Motion Forecasting: A Causal Representation
+    Perspective" (CVPR 2022), section 4.2: time step 0.02 s, 20 frames 0.4 s apart, neighbour distance 10 m, speed up
+    to 1 m/s, slower within 1 m of the goal. Agent 0 starts at a uniform angle and the others spread evenly from there,
+    plus U(-45, 45) degrees times 2 / agents; each coordinate is shifted by U(-0.5, 0.5) m. An agent that overlaps
+    another one, or starts within 0.5 m of its goal, is placed again. Scenes in which an agent has come within 1 m of
+    its goal by the last frame are dropped (about 4 % at d = 0.1, 0.5 % at d = 0.6).
+
+    ## Observation
+    x and y in metres, centre of the circle at the origin.
+
+    ## Splits
+    ``train`` 10,000 starts, ``val`` 3,000, ``test`` 5,000, and ``reference`` 300, each of its own random stream.
+    With two agents every d has the same starts; with more, agents that would overlap are placed again.
+
+    ## Arguments
+    Args:
+        d: Radius of an agent, metres, > 0.
+        agents: Agents of a scene, 2 to 20.
+        radius: Radius of the circle, metres, > 0. With 7 the agents meet after the observed steps ("blind").
+        horizon: Time horizon of ORCA, seconds, > 0.
+        speed: Preferred and highest speed, m/s, > 0.
+        seed: Source of all randomness, 0 or more.
+        scenes: Number of starts of every split; None for the numbers above.
+
+    ## Credits
+    van den Berg, Guy, Lin, Manocha, "Reciprocal n-body collision avoidance", ISRR 2011.
+    """
+
+    name = "orca"
+    source = "simulated by motion-gym"
+    terms = "free"
+    oracle = "orca_oracle"
+    dt = 0.4
+
+    def __init__(
+        self,
+        d: float = 0.3,
+        agents: int = 2,
+        radius: float = 5.0,
+        horizon: float = 2.0,
+        speed: float = 1.0,
+        seed: int = 0,
+        scenes: int | None = None,
+    ):
+        for key, value in (("d", d), ("radius", radius), ("horizon", horizon), ("speed", speed)):
+            if isinstance(value, (bool, str)) or not 0 < value < math.inf:
+                raise SpecError(f"`{key}={value}` of domain `orca` must be a number above 0.")
+        for key, whole, least, most in (
+            ("agents", agents, 2, 20),
+            ("seed", seed, 0, None),
+            ("scenes", scenes, 1, None),
+        ):
+            if whole is None and key == "scenes":
+                continue
+            if (
+                isinstance(whole, bool)
+                or not isinstance(whole, int)
+                or whole < least
+                or (most and whole > most)
+            ):
+                span = f"from {least} to {most}" if most else f"{least} or more"
+                raise SpecError(f"`{key}={whole}` of domain `orca` must be a whole number, {span}.")
+        self.d, self.agents, self.radius = float(d), agents, float(radius)
+        self.horizon, self.speed, self.seed, self.scenes = float(horizon), float(speed), seed, scenes
+
+    def recordings(self, split: str) -> list[Recording]:
+        """One recording: the scenes of the split one after another, 20 frames each, agents numbered through."""
+        xy = self.simulated(split)["positions"].astype(np.float64)
+        scenes = len(xy)
+        frame = np.repeat(np.arange(scenes * WINDOW), self.agents)
+        agent = np.arange(scenes * self.agents).reshape(scenes, 1, self.agents)
+        agent = np.broadcast_to(agent, (scenes, WINDOW, self.agents)).reshape(-1)
+        return [Recording(frame, agent.copy(), xy.reshape(-1, 2), self.dt, f"orca {split}")]
+
+    def sources(self) -> list[Orca]:  # type: ignore[override]
+        """The training styles of the paper: d = 0.1, 0.3 and 0.5, everything else as here."""
+        return [self.replace(d=d) for d in SOURCE_STYLES]  # type: ignore[misc]
+
+    def infeasible(self, split: str) -> int:
+        """Scenes of a split in which some agent once had no velocity that satisfies all half-planes."""
+        return int((self.simulated(split)["first_infeasible"] >= 0).any(axis=1).sum())
+
+    def simulated(self, split: str) -> dict[str, np.ndarray]:
+        """Positions [S, 20, N, 2] float32 and first_infeasible [S, N] of a split, from the cache if they are there."""
+        self.check_split(split)
+        return self._simulated(split)
+
+    @functools.cached_property
+    def _simulated(self):
+        @functools.cache
+        def make(split: str) -> dict[str, np.ndarray]:
+            starts = self.scenes or STARTS[split]
+            key = {
+                **self.parameters,
+                "scenes": starts,
+                "name": "orca",
+                "split": split,
+                "engine": ENGINE_VERSION,
+            }
+            return cached_arrays(key, lambda: self._simulate(split, starts))
+
+        return make
+
+    def _simulate(self, split: str, starts: int) -> dict[str, np.ndarray]:
+        start = self._starts(np.random.default_rng([self.seed, self.splits.index(split)]), starts)
+        simulation = self.simulate(start)
+        remaining = np.linalg.norm(simulation.positions[:, -1] + start, axis=-1)
+        keep = (remaining > ARRIVED * self.speed).all(axis=1)
+        return {
+            "positions": simulation.positions[keep],
+            "first_infeasible": simulation.first_infeasible[keep],
+        }
+
+    def simulate(self, start: np.ndarray):
+        """The 20 frames of scenes that start at [S, N, 2], goals opposite, as a ``Simulation``."""
+        return simulate(
+            start,
+            -start,
+            radius=self.d,
+            time_horizon=self.horizon,
+            max_speed=self.speed,
+            time_step=TIME_STEP,
+            first=FIRST,
+            every=EVERY,
+            steps=STEPS,
+        )
+
+    def _starts(self, rng: np.random.Generator, scenes: int) -> np.ndarray:
+        start = np.empty((scenes, self.agents, 2))
+        waiting = np.arange(scenes)
+        for _ in range(ROUNDS):
+            drawn, placed = self._place(rng, len(waiting))
+            start[waiting[placed]] = drawn[placed]
+            waiting = waiting[~placed]
+            if not len(waiting):
+                return start
+        raise SpecError(
+            f"{self.agents} agents of radius d={self.d} overlap at the start on a circle of radius {self.radius} m: no "
+            f"room was found for them in {ROUNDS} attempts. Give a smaller d, fewer agents or a larger radius."
+        )
+
+    def _place(self, rng: np.random.Generator, scenes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Starts [S, N, 2], agent by agent, and in which scenes a place was found for all of them [S]."""
+        start = np.empty((scenes, self.agents, 2))
+        first = rng.uniform(0, 2 * np.pi, scenes)
+        placed = np.ones(scenes, bool)
+        for agent in range(self.agents):
+            waiting = np.arange(scenes)
+            for _ in range(TRIES):
+                spread = rng.uniform(-1, 1, len(waiting)) * ANGLE * 2 / self.agents if agent else 0.0
+                angle = first[waiting] + 2 * np.pi * agent / self.agents + spread
+                shift = rng.uniform(-0.5, 0.5, (len(waiting), 2))
+                start[waiting, agent] = (
+                    self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1) + shift
+                )
+                new, others = start[waiting, agent, None], start[waiting, :agent]
+                crowded = (np.linalg.norm(new - others, axis=-1) <= 2 * self.d).any(axis=1)
+                crowded |= (np.linalg.norm(new + others, axis=-1) < CLEAR_OF_GOALS).any(axis=1)
+                waiting = waiting[crowded]
+                if not len(waiting):
+                    break
+            placed[waiting] = False
+        return start, placed
+
+    def __getstate__(self):
+        return {key: value for key, value in super().__getstate__().items() if key != "_simulated"}

@@ -1,0 +1,78 @@
+"""An oracle for the ORCA domain: it knows the style, and simulates."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, PredictorError
+
+SECONDS_TO_FIRST_FRAME = 0.38
+TOLERANCE = 0.05
+"""Metres between the observed history and the simulated one beyond which the oracle gives up."""
+CORRECTIONS = 6
+
+
+class OrcaOracle:
+    """Simulates each scene again, from a start read off its first observed positions.
+
+    *Oracle*: ``know(domain)`` tells it d and every other parameter of the simulation, which no forecaster can know. It
+    does not look at the future; what error is left comes from not knowing the start exactly. It needs whole scenes,
+    observed from their first frame, as on the windows clock. Deterministic.
+
+    Source: until the first frame everyone walks straight to the goal, opposite the start, so start = p + 0.38 p / |p|
+    at speed 1; where that is not so (many agents), the start is corrected until the simulation meets p.
+    """
+
+    selection = "oracle: no weights, knows the parameters of the simulation"
+
+    def __init__(self) -> None:
+        self._domain: Any = None
+
+    def know(self, domain: Domain) -> None:
+        """Receive the domain.
+
+        Raises:
+            PredictorError: it is not an ORCA domain.
+        """
+        if domain.card.name != "orca":
+            raise PredictorError(
+                f"orca_oracle knows ORCA only, not `{domain.card.name}`: score it on an orca domain."
+            )
+        self._domain = domain
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres.
+
+        Raises:
+            PredictorError: it was not told the domain, or an observation is not the beginning of a whole scene.
+        """
+        if self._domain is None:
+            raise PredictorError(
+                "orca_oracle does not know the domain: call know(domain), or evaluate it by name."
+            )
+        agents = self._domain.agents
+        if (np.diff(observation.scene) != agents).any():
+            raise PredictorError(
+                f"orca_oracle needs whole scenes of {agents} agents, and a scene has another number."
+            )
+        history = observation.xy.reshape(observation.scenes, agents, HISTORY, 2).transpose(0, 2, 1, 3)
+        first = history[:, 0].astype(np.float64)
+        distance = np.linalg.norm(first, axis=-1, keepdims=True)
+        start = first * (1 + SECONDS_TO_FIRST_FRAME * self._domain.speed / np.maximum(distance, 1e-9))
+        frames = self._domain.simulate(start).positions
+        for _ in range(CORRECTIONS):
+            off = np.abs(frames[:, 0] - first).max(axis=(1, 2)) > 1e-4
+            if not off.any():
+                break
+            start[off] += first[off] - frames[off, 0]
+            frames[off] = self._domain.simulate(start[off]).positions
+        error = np.abs(frames[:, :HISTORY] - history).max(initial=0)
+        if error > TOLERANCE:
+            raise PredictorError(
+                f"orca_oracle cannot place a history (simulated {error:.2f} m beside it): it needs scenes from their first "
+                "frame on, as the windows clock gives them, with the domain's own parameters."
+            )
+        future = frames[:, HISTORY : HISTORY + FUTURE].transpose(0, 2, 1, 3)
+        return Forecast(np.ascontiguousarray(future.reshape(-1, 1, FUTURE, 2)))
