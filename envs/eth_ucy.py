@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -60,9 +60,7 @@ class EthUcy(RecordedDomain):
     test_files: ClassVar[tuple[str, ...]]
     columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     source = "ETH (BIWI walking pedestrians) and UCY (crowds by example)"
-    terms = (
-        "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
-    )
+    terms = "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
 
     def __init__(
         self,
@@ -78,22 +76,14 @@ class EthUcy(RecordedDomain):
         _one_of(self.place, "sigma", self.sigma, ("none", "paper", "past"))
         _one_of(self.place, "curvature", curvature, ("norm", "squared"))
         if alpha is not None and (isinstance(alpha, (bool, str)) or not 0 < alpha < math.inf):
-            raise SpecError(
-                f"`alpha={alpha}` of domain `{self.place}` must be a number above 0, as in alpha=64."
-            )
+            raise SpecError(f"`alpha={alpha}` of domain `{self.place}` must be a number above 0, as in alpha=64.")
         if alpha is not None and self.sigma == "none":
-            raise SpecError(
-                f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past."
-            )
+            raise SpecError(f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past.")
         for key, value in (("min_agents", min_agents), ("stride", stride)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise SpecError(
-                    f"`{key}={value}` of domain `{self.place}` must be a whole number, 1 or more."
-                )
+                raise SpecError(f"`{key}={value}` of domain `{self.place}` must be a whole number, 1 or more.")
         if not 0 <= reference_share < 1:
-            raise SpecError(
-                f"`reference_share={reference_share}` of domain `{self.place}` must be in [0, 1)."
-            )
+            raise SpecError(f"`reference_share={reference_share}` of domain `{self.place}` must be in [0, 1).")
         self.alpha = alpha if alpha is None or self.sigma == "none" else float(alpha)
         if self.sigma != "none" and alpha is None:
             self.alpha = 1.0
@@ -173,7 +163,7 @@ class EthUcy(RecordedDomain):
         names = [p for p in PLACES if (LOCATION[p] != own if by == "location" else p != self.place)]
         if self.place == "eth6":
             names = [p for p in names if p != "eth"]
-        common = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
+        common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
             return [BY_PLACE[p](**common) for p in names]
         pairs = (

@@ -90,12 +90,7 @@ class Orca(RecordedDomain):
         ):
             if whole is None and key == "scenes":
                 continue
-            if (
-                isinstance(whole, bool)
-                or not isinstance(whole, int)
-                or whole < least
-                or (most and whole > most)
-            ):
+            if isinstance(whole, bool) or not isinstance(whole, int) or whole < least or (most and whole > most):
                 span = f"from {least} to {most}" if most else f"{least} or more"
                 raise SpecError(f"`{key}={whole}` of domain `orca` must be a whole number, {span}.")
         self.d, self.agents, self.radius = float(d), agents, float(radius)
@@ -106,9 +101,9 @@ class Orca(RecordedDomain):
         xy = self.simulated(split)["positions"].astype(np.float64)
         scenes = len(xy)
         frame = np.repeat(np.arange(scenes * WINDOW), self.agents)
-        agent = np.arange(scenes * self.agents).reshape(scenes, 1, self.agents)
-        agent = np.broadcast_to(agent, (scenes, WINDOW, self.agents)).reshape(-1)
-        return [Recording(frame, agent.copy(), xy.reshape(-1, 2), self.dt, f"orca {split}")]
+        number = np.arange(scenes * self.agents).reshape(scenes, 1, self.agents)
+        agent = np.repeat(number, WINDOW, axis=1).reshape(-1)
+        return [Recording(frame, agent, xy.reshape(-1, 2), self.dt, f"orca {split}")]
 
     def sources(self) -> list[Orca]:  # type: ignore[override]
         """The training styles of the paper: d = 0.1, 0.3 and 0.5, everything else as here."""
@@ -188,9 +183,7 @@ class Orca(RecordedDomain):
                 spread = rng.uniform(-1, 1, len(waiting)) * ANGLE * 2 / self.agents if agent else 0.0
                 angle = first[waiting] + 2 * np.pi * agent / self.agents + spread
                 shift = rng.uniform(-0.5, 0.5, (len(waiting), 2))
-                start[waiting, agent] = (
-                    self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1) + shift
-                )
+                start[waiting, agent] = self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1) + shift
                 new, others = start[waiting, agent, None], start[waiting, :agent]
                 crowded = (np.linalg.norm(new - others, axis=-1) <= 2 * self.d).any(axis=1)
                 crowded |= (np.linalg.norm(new + others, axis=-1) < CLEAR_OF_GOALS).any(axis=1)

@@ -18,11 +18,13 @@ import numpy as np
 
 from motion_gym.contract import SpecError
 
+CHUNK = 65536
+"""Pairs of agents that are worked on together: many, since each numpy call costs, but arrays stay in the cache."""
+ENGINE_VERSION = 1
+"""To be raised whenever results change, so that cached scenes of an older engine are not used."""
 PARALLEL = np.float32(1e-5)
 """Lines whose unit directions span no more than this area count as parallel, as in RVO2."""
 ONE, HALF, TINY, FAR = np.float32(1), np.float32(0.5), np.float32(1e-30), np.float32(1e30)
-CHUNK = 16384
-"""Pairs that are worked on together, so that their arrays stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,18 +95,16 @@ def simulate(
         if not isinstance(value, (int, np.integer)) or value < 1:
             raise SpecError(f"{name} is {value!r}; give a whole number of at least 1.")
     if first > steps:
-        raise SpecError(
-            f"the first frame is kept after {first} steps, but steps is {steps}; give more steps."
-        )
+        raise SpecError(f"the first frame is kept after {first} steps, but steps is {steps}; give more steps.")
     metres_and_seconds = {
         "time_step": time_step,
         "time_horizon": time_horizon,
         "neighbor_distance": neighbor_distance,
         "max_speed": max_speed,
     }
-    for name, value in metres_and_seconds.items():
-        if not 0 < value < np.inf:
-            raise SpecError(f"{name} is {value!r}; give a finite number above 0.")
+    for name, number in metres_and_seconds.items():
+        if not 0 < number < np.inf:
+            raise SpecError(f"{name} is {number!r}; give a finite number above 0.")
     radius = np.asarray(radius, float)
     if radius.shape not in ((), start.shape[:1]):
         raise SpecError(
@@ -190,12 +190,10 @@ class _Crowd:
         max_speed,
     ):
         """Take arrays [S, N, 2] and ``radius`` [S]."""
-        start, goal, velocity = (
-            np.array(array.transpose(2, 1, 0), order="C") for array in (start, goal, velocity)
-        )
+        start, goal, velocity = (np.array(array.transpose(2, 1, 0), order="C") for array in (start, goal, velocity))
         self.position, self.goal, self.velocity = start.astype(np.float32), goal, velocity.astype(np.float32)
         self.reach = radius.astype(np.float32) + radius.astype(np.float32)
-        self.time_step, self.max_speed = np.float32(time_step), np.float32(max_speed)
+        self.time_step, self.max_speed, self.top_speed = np.float32(time_step), max_speed, np.float32(max_speed)
         self.rate, self.touching_rate = 1 / np.float32(time_horizon), 1 / self.time_step
         self.range = np.float32(neighbor_distance) * np.float32(neighbor_distance)
         self.max_neighbors = max_neighbors
@@ -212,11 +210,12 @@ class _Crowd:
 
     def step(self) -> tuple[np.ndarray, np.ndarray]:
         """Move everyone by one time step; return agent and scene of every infeasible linear program."""
+        # RVO2 takes preferred velocities from its caller, who works them out in double precision.
         wish = self.goal - self.position
-        wish /= np.maximum(np.sqrt(_dot(wish, wish)) / float(self.max_speed), 1.0)
+        wish /= np.maximum(np.sqrt(_dot(wish, wish)) / self.max_speed, 1.0)
         wish = wish.astype(np.float32)
-        square, limit = _dot(wish, wish), self.max_speed * self.max_speed
-        slowed = wish * (ONE / np.sqrt(np.maximum(square, limit))) * self.max_speed
+        square, limit = _dot(wish, wish), self.top_speed * self.top_speed
+        slowed = wish * (ONE / np.sqrt(np.maximum(square, limit))) * self.top_speed
         velocity = _select(square > limit, slowed, wish)
         infeasible = self._avoid(wish, velocity)
         self.velocity = velocity
@@ -241,11 +240,11 @@ class _Crowd:
         direction *= np.take(square, place % square.size) < self.range
 
         velocity, wish = velocity.reshape(2, -1), np.take(wish.reshape(2, -1), who, axis=1)
-        chosen, failed = _nearest(point, direction, np.take(velocity, who, axis=1), wish, self.max_speed)
+        chosen, failed = _nearest(point, direction, np.take(velocity, who, axis=1), wish, self.top_speed)
         bad = np.flatnonzero(failed < len(place))
         if len(bad):
             point, direction = np.take(point, bad, axis=2), np.take(direction, bad, axis=2)
-            _put(chosen, bad, _least_violating(point, direction, chosen[:, bad], failed[bad], self.max_speed))
+            _put(chosen, bad, _least_violating(point, direction, chosen[:, bad], failed[bad], self.top_speed))
         _put(velocity, who, chosen)
         return agent[bad], scene[bad]
 
@@ -271,7 +270,7 @@ class _Crowd:
         leg = np.sqrt(np.maximum(square - reach_square, 0))
         leg = _select(_cross(between, w) > 0, leg, -leg)
         toward = np.stack([between[0] * leg - between[1] * reach, between[0] * reach + between[1] * leg])
-        toward *= ONE / square
+        toward *= ONE / np.maximum(square, TINY)
         change = _dot(relative, toward) * toward - relative
 
         length = np.sqrt(w_square)
@@ -340,8 +339,8 @@ def _nearest(point, direction, velocity, target, speed, along=False):
             slack = _cross(ways, base[:, None] - np.take(point[:, :last], who, axis=2))
             parallel = np.abs(area) <= PARALLEL
             t = slack / (area + parallel)
-            right = np.minimum(right, (t + FAR * (area <= PARALLEL)).min(axis=0))
-            left = np.maximum(left, (t - FAR * (area >= -PARALLEL)).max(axis=0))
+            right = np.minimum(right, (t + np.multiply(area <= PARALLEL, FAR, dtype=np.float32)).min(axis=0))
+            left = np.maximum(left, (t - np.multiply(area >= -PARALLEL, FAR, dtype=np.float32)).max(axis=0))
             possible &= (left <= right) & ~(parallel & (slack < 0)).any(axis=0)
         if along:
             t = _select(_dot(goal, way) > 0, right, left)

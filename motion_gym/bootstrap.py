@@ -129,22 +129,16 @@ def paired_difference(
     """
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     if a.ndim != 1 or a.shape != b.shape:
-        raise SpecError(
-            f"a and b have shapes {a.shape} and {b.shape}, expected [A] and the same agents in both."
-        )
+        raise SpecError(f"a and b have shapes {a.shape} and {b.shape}, expected [A] and the same agents in both.")
     if np.isinf(a).any() or np.isinf(b).any():
-        raise SpecError(
-            "a or b holds infinite values; only NaN may stand for a value that could not be computed."
-        )
+        raise SpecError("a or b holds infinite values; only NaN may stand for a value that could not be computed.")
     difference = a - b
     mean, means = _resampled_means(difference[:, None], np.asarray(cluster), level, replicates, seed)
     low, high = _percentiles(means, level)
     drawn = means[np.isfinite(means)]
     tail = min((drawn <= 0).sum(), (drawn >= 0).sum())
     p_value = min(1.0, 2.0 * (1 + tail) / (1 + len(drawn))) if len(drawn) else np.nan
-    return Difference(
-        float(mean[0]), float(low[0]), float(high[0]), float(p_value), int(np.isfinite(difference).sum())
-    )
+    return Difference(float(mean[0]), float(low[0]), float(high[0]), float(p_value), int(np.isfinite(difference).sum()))
 
 
 def summarise(
@@ -189,13 +183,9 @@ def _resampled_means(
     if replicates < 1:
         raise SpecError(f"replicates is {replicates!r}, it must be 1 or more; 1000 is usual.")
     if cluster.shape != (len(table),):
-        raise SpecError(
-            f"cluster has shape {cluster.shape}, expected ({len(table)},): one id for each value."
-        )
+        raise SpecError(f"cluster has shape {cluster.shape}, expected ({len(table)},): one id for each value.")
     if np.isinf(table).any():
-        raise SpecError(
-            "values holds infinite values; only NaN may stand for a value that could not be computed."
-        )
+        raise SpecError("values holds infinite values; only NaN may stand for a value that could not be computed.")
     there = ~np.isnan(table)
     ids, index = np.unique(cluster, return_inverse=True)
     columns = [np.bincount(index, column, minlength=len(ids)) for column in np.where(there, table, 0.0).T]

@@ -41,9 +41,7 @@ PREDICTORS = {
     ),
     "stand_still": Entry("motion_gym.predictors.stand_still:StandStill", "stays at the last position"),
     "linear": Entry("motion_gym.predictors.linear:Linear", "ridge regression in the heading frame"),
-    "orca_oracle": Entry(
-        "motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"
-    ),
+    "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),
 }
 
 
@@ -126,16 +124,12 @@ def load_class(target: str, kind: str = "object") -> type:
     return getattr(module, class_name)
 
 
-def _make(
-    spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: str, needs: tuple[str, ...]
-) -> Any:
+def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: str, needs: tuple[str, ...]) -> Any:
     if not isinstance(spec, str):
         if inspect.isclass(spec):
             spec = spec(**parameters)
         elif parameters:
-            raise SpecError(
-                f"{spec!r} is already a {kind}: parameters {sorted(parameters)} cannot be set on it."
-            )
+            raise SpecError(f"{spec!r} is already a {kind}: parameters {sorted(parameters)} cannot be set on it.")
         return _having(spec, needs, kind)
     name, written = parse_spec(spec)
     if ":" in name:
@@ -149,16 +143,12 @@ def _make(
     if not any(p.kind is p.VAR_KEYWORD for p in known.values()):
         for key in arguments:
             if key not in known:
-                raise SpecError(
-                    f"{kind.capitalize()} `{name}` has no parameter `{key}`.{suggest(key, known)}"
-                )
+                raise SpecError(f"{kind.capitalize()} `{name}` has no parameter `{key}`.{suggest(key, known)}")
     try:
         return _having(factory(**arguments), needs, kind)
     except TypeError as error:
         ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-        missing = [
-            k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments
-        ]
+        missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
         if not missing:
             raise
         raise SpecError(

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, Recording, Truth
+from motion_gym.metrics import distance, mean_over_known
 from motion_gym.windows import Features, Tracks, pick_scenes, positions_only, stack
 
 
@@ -25,18 +26,21 @@ class Settled:
         forecast: The stored forecasts, M agents.
         truth: What happened, with the observations they answered; its scenes are the forecasts made at one time.
         identity: [M] int64, the clock's id of each agent (see ``Clock``).
+        person: [M] int64, whom each agent is, as in ``domain.windows``: an agent that is lost and found again is two
+            agents but one person.
         made: [M] int64, clock time at which each forecast was made.
     """
 
     forecast: Forecast
     truth: Truth
     identity: np.ndarray
+    person: np.ndarray
     made: np.ndarray
 
     @property
     def matured(self) -> np.ndarray:
         """[M] bool, True where all 12 steps happened."""
-        return self.truth.known.all(axis=1)
+        return np.all(self.truth.known, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,17 +120,14 @@ class WindowsClock:
     def reset(self) -> Step:
         """Go to the first window."""
         self._at = 0
-        return self._reveal(
-            np.zeros(0), self._settle(pick_scenes(self.truth, slice(0, 0)), Forecast(_NOTHING), 0)
-        )
+        return self._reveal(np.zeros(0), self._settle(pick_scenes(self.truth, slice(0, 0)), Forecast(_NOTHING), 0))
 
     def step(self, forecast: Forecast) -> Step:
         """Score the forecasts of this window and go to the next."""
         truth = pick_scenes(self.truth, slice(self.time, self.time + 1))
         settled = self._settle(truth, forecast, self.time)
-        error = np.linalg.norm(_likely(forecast).astype(np.float64) - truth.future, axis=-1)
-        known = truth.known.sum(axis=1)
-        reward = -np.where(truth.known, error, 0).sum(axis=1) / np.maximum(known, 1)
+        error = distance(_likely(forecast).astype(np.float64) - truth.future)
+        reward = -np.nan_to_num(mean_over_known(error, truth.known))
         self._at += 1
         return self._reveal(reward, settled)
 
@@ -136,7 +137,7 @@ class WindowsClock:
 
     def _settle(self, truth: Truth, forecast: Forecast, window: int) -> Settled:
         identity = self._identity(window)[: len(truth.future)]
-        return Settled(forecast, truth, identity, np.full(len(identity), window))
+        return Settled(forecast, truth, identity, truth.observation.agent, np.full(len(identity), window))
 
     def _identity(self, window: int) -> np.ndarray:
         scene = self.truth.observation.scene
@@ -180,8 +181,8 @@ class StreamClock:
         self.size = len(seen)
         self._identity = np.full(len(self.tracks.tick), -1)
         self._identity[observable] = identity
-        self.person = np.zeros(self.size, np.int64)
-        self.person[identity] = self.tracks.agent[observable]
+        self._place = np.zeros(self.size, np.int64)
+        self._nothing = self._settle(np.zeros(0, np.int64), Forecast(_NOTHING))
         self.reset()
 
     @property
@@ -203,14 +204,13 @@ class StreamClock:
         self._at = 0
         self._row = np.zeros(0, np.int64)
         self._forecast = Forecast(_NOTHING)
-        return self._reveal(np.zeros(0), self._settle(np.zeros(0, np.int64), Forecast(_NOTHING)))
+        return self._reveal(np.zeros(0), self._nothing)
 
     def step(self, forecast: Forecast) -> Step:
         """Store the forecasts, go on to the next frame at which somebody is observed, and reveal what happened."""
         now = self._rows[self._at]
         before = self._identity[now]
-        place = np.full(self.size, -1)
-        place[before] = np.arange(len(before))
+        self._place[before] = np.arange(len(before))
         self._row = np.concatenate([self._row, now])
         self._forecast = _join(self._forecast, forecast)
         time, self._at = self.time, self._at + 1
@@ -220,8 +220,8 @@ class StreamClock:
             ahead = time - self.tracks.tick[self._row]
             alive = self.tracks.left[self._row] >= ahead
             point = _likely(self._forecast)[alive, ahead[alive] - 1]
-            error = np.linalg.norm(point - self.tracks.xy[self._row[alive] + ahead[alive]], axis=-1)
-            owner = place[self._identity[self._row[alive]]]
+            error = distance(point - self.tracks.xy[self._row[alive] + ahead[alive]])
+            owner = self._place[self._identity[self._row[alive]]]
             total = np.bincount(owner, error, minlength=len(now))
             reward -= total / np.maximum(np.bincount(owner, minlength=len(now)), 1)
             done = ~alive | (ahead == FUTURE)
@@ -229,7 +229,7 @@ class StreamClock:
             settled_forecast.append(_take(self._forecast, done))
             self._row, self._forecast = self._row[~done], _take(self._forecast, ~done)
         rows = np.concatenate(settled_row) if settled_row else np.zeros(0, np.int64)
-        return self._reveal(reward, self._settle(rows, _join(*settled_forecast)))
+        return self._reveal(reward, self._settle(rows, _join(*settled_forecast)) if len(rows) else self._nothing)
 
     @property
     def outstanding(self) -> tuple[Forecast, np.ndarray, np.ndarray]:
@@ -248,9 +248,7 @@ class StreamClock:
         rows = self._rows[self._at] if self._at < len(self._rows) else np.zeros(0, np.int64)
         identity = self._identity[rows]
         scene = np.array([0, len(rows)] if len(rows) else [0])
-        return Step(
-            self.tracks.truth(rows, scene, identity, self.features).observation, identity, reward, settled
-        )
+        return Step(self.tracks.truth(rows, scene, identity, self.features).observation, identity, reward, settled)
 
     def _settle(self, rows: np.ndarray, forecast: Forecast) -> Settled:
         made = self.tracks.tick[rows]
@@ -258,9 +256,8 @@ class StreamClock:
         rows, made = rows[order], made[order]
         scene = np.concatenate([np.flatnonzero(np.diff(made, prepend=-1)), [len(made)]])
         identity = self._identity[rows]
-        return Settled(
-            _take(forecast, order), self.tracks.truth(rows, scene, identity, self.features), identity, made
-        )
+        truth = self.tracks.truth(rows, scene, identity, self.features)
+        return Settled(_take(forecast, order), truth, identity, self.tracks.agent[rows], made)
 
 
 class Ledger:
@@ -297,6 +294,25 @@ class Ledger:
         if not self.entries:
             raise ValueError("The ledger is empty: step the environment until a forecast is settled.")
         return _join(*(e.forecast for e in self.entries)), stack([e.truth for e in self.entries])
+
+    def matured_only(self) -> tuple[Forecast, Truth]:
+        """The forecasts that have matured, with their truths; agents are persons, as in ``domain.windows``.
+
+        Raises:
+            ValueError: nothing was settled yet.
+        """
+        forecast, truth = self.read()
+        keep = np.flatnonzero(truth.known.all(axis=1))
+        observation = truth.observation
+        sizes = np.bincount(observation.scene_index[keep], minlength=observation.scenes)
+        person = np.concatenate([e.person for e in self.entries])
+        chosen = Observation(
+            observation.history[keep],
+            np.concatenate([[0], np.cumsum(sizes[sizes > 0])]).astype(np.int64),
+            person[keep],
+            observation.dt,
+        )
+        return _take(forecast, keep), Truth(truth.future[keep], truth.known[keep], chosen)
 
 
 _NOTHING = np.zeros((0, 1, FUTURE, 2), np.float32)

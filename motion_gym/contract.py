@@ -226,9 +226,7 @@ def check_action(action: Any, shape: tuple[int, ...], what: str, one_sample: boo
     """
     if not isinstance(action, np.ndarray) or action.dtype != np.float32:
         kind = f"dtype {action.dtype}" if isinstance(action, np.ndarray) else f"type {type(action).__name__}"
-        raise ActionError(
-            f"{what} has {kind}, not a float32 array: use numpy.asarray(action, dtype=numpy.float32)."
-        )
+        raise ActionError(f"{what} has {kind}, not a float32 array: use numpy.asarray(action, dtype=numpy.float32).")
     if action.shape != shape and not (one_sample and shape[0] == 1 and action.shape == shape[1:]):
         raise ActionError(
             f"{what} has shape {action.shape}, expected {shape}; the last three axes are K samples, {FUTURE} future "

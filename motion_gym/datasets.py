@@ -63,7 +63,9 @@ _TRAJECTRON = (
     "https://raw.githubusercontent.com/StanfordASL/Trajectron-plus-plus/"
     "40dec06e9cfef9e0d5f5ec69da2c4058a556bba9/experiments/pedestrians/raw/raw/all_data/"
 )
-_OPENTRAJ = "https://raw.githubusercontent.com/crowdbotp/OpenTraj/3000c022dac1ecc2e34b3ff0fa2bb531151bf0b1/datasets/ETH/"
+_OPENTRAJ = (
+    "https://raw.githubusercontent.com/crowdbotp/OpenTraj/3000c022dac1ecc2e34b3ff0fa2bb531151bf0b1/datasets/ETH/"
+)
 _ETH_UCY = (
     ("biwi_eth.txt", "cf8d3fd342a15f409ebc2a1fc76b91a0f06390bd21f1e11410f3859331ab082b", 116970),
     ("biwi_hotel.txt", "9caa771bb9153d6b809dd0916b6f86761b641e6bbb15e766c1de3133fbbb7fcf", 143799),
@@ -107,9 +109,7 @@ DATASETS: Mapping[str, DataSet] = {
 def dataset(name: str) -> DataSet:
     """The data set of that name; a SpecError suggests what was meant."""
     if name not in DATASETS:
-        raise SpecError(
-            f"there is no data set {name!r}{_meant(name, DATASETS)} Known: {', '.join(DATASETS)}."
-        )
+        raise SpecError(f"there is no data set {name!r}{_meant(name, DATASETS)} Known: {', '.join(DATASETS)}.")
     return DATASETS[name]
 
 
@@ -146,9 +146,7 @@ def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
             content = b"" if file.name in found else _bytes(path)
             if file.name not in found and _sha256(content) == file.sha256:
                 found[file.name] = content
-            elif (
-                file.name not in found and path.name == file.name
-            ):  # other files are called like an alias, too
+            elif file.name not in found and path.name == file.name:  # other files are called like an alias, too
                 different.setdefault(file.name, f"{path}: {_difference(file, content)}")
     wrong = [message for each, message in different.items() if each not in found]
     if wrong:
@@ -218,9 +216,7 @@ def _state(name: str, file: DataFile, remember: bool = False) -> FileState:
     except (FileNotFoundError, NotADirectoryError):
         return FileState(file.name, "missing", file.size, file.sha256, path)
     seen = (str(path.absolute()), status.st_size, status.st_mtime_ns, file.sha256)
-    whole = (remember and seen in _verified) or (
-        status.st_size == file.size and _sha256(_bytes(path)) == file.sha256
-    )
+    whole = (remember and seen in _verified) or (status.st_size == file.size and _sha256(_bytes(path)) == file.sha256)
     if whole:
         _verified.add(seen)
     return FileState(file.name, "ok" if whole else "damaged", file.size, file.sha256, path)
@@ -231,31 +227,23 @@ def _download(name: str, file: DataFile, address: str) -> bytes:
     import requests
 
     source = DATASETS[name].source
-    instead = (
-        f"Instead, get the files elsewhere ({source}), then run `motion-gym data add {name} --from DIR`."
-    )
+    instead = f"Instead, get the files elsewhere ({source}), then run `motion-gym data add {name} --from DIR`."
     logger = pooch.get_logger()
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:
         with tempfile.TemporaryDirectory() as folder:
             # The checksum is compared below, for a message that says in what way the file differs.
-            got = pooch.retrieve(
-                address, None, fname="file", path=folder, downloader=pooch.HTTPDownloader(timeout=30)
-            )
+            got = pooch.retrieve(address, None, fname="file", path=folder, downloader=pooch.HTTPDownloader(timeout=30))
             content = _bytes(Path(got))
     except requests.HTTPError as error:
         response = error.response
         status = f"{response.status_code} {response.reason}" if response is not None else str(error)
-        raise DataError(
-            f"{file.name} could not be downloaded: {address} answered {status}. {instead}"
-        ) from None
+        raise DataError(f"{file.name} could not be downloaded: {address} answered {status}. {instead}") from None
     except requests.RequestException as error:
         # The system's own words ("Connection refused") are the last thing in a chain of wrapped messages.
         system = re.search(r"\[Errno -?\d+\] ([\w ,']+)", str(error))
-        reason = (
-            "no answer within 30 s" if isinstance(error, requests.Timeout) else system[1] if system else error
-        )
+        reason = "no answer within 30 s" if isinstance(error, requests.Timeout) else system[1] if system else error
         raise DataError(
             f"{file.name} could not be downloaded: {address}: the network or the server was not reachable "
             f"({reason}). {instead}"

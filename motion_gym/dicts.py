@@ -10,9 +10,7 @@ import numpy as np
 from motion_gym.contract import HISTORY, Forecast, Observation, Truth
 
 
-def observation_from_dict(
-    observations: Mapping[str, np.ndarray], dt: float, agents: Sequence[str]
-) -> Observation:
+def observation_from_dict(observations: Mapping[str, np.ndarray], dt: float, agents: Sequence[str]) -> Observation:
     """One scene from the observations of a PettingZoo environment.
 
     Args:
@@ -21,9 +19,7 @@ def observation_from_dict(
         agents: ``env.agents``; those that have left are in the dict too, but need no forecast.
     """
     if not agents:
-        return Observation(
-            np.zeros((0, HISTORY, 2), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
-        )
+        return Observation(np.zeros((0, HISTORY, 2), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt)
     history = np.stack([observations[name] for name in agents])
     return Observation(history, np.array([0, len(agents)]), np.array([_number(n) for n in agents]), dt)
 

@@ -43,7 +43,7 @@ def ade(forecast: Forecast, truth: Truth) -> np.ndarray:
         PredictorError: The forecast has the wrong shape or holds positions or weights that cannot be.
         DataError: The truth contradicts itself.
     """
-    return _mean_over_known(_most_likely_error(forecast, truth), _known(truth))
+    return mean_over_known(_most_likely_error(forecast, truth), _known(truth))
 
 
 def fde(forecast: Forecast, truth: Truth) -> np.ndarray:
@@ -114,7 +114,7 @@ def collision_rate(forecast: Forecast, truth: Truth) -> np.ndarray:
         pair = np.arange(lowest, min(lowest + PAIRS_AT_ONCE, int(start[-1])))
         one = np.searchsorted(start, pair, side="right") - 1
         other = one + 1 + pair - start[one]
-        close = (_norm(track[one] - track[other]) < COLLISION_DISTANCE).any(axis=1)
+        close = (distance(track[one] - track[other]) < COLLISION_DISTANCE).any(axis=1)
         hit[one[close]] = 1.0
         hit[other[close]] = 1.0
     return hit
@@ -156,7 +156,7 @@ def kde_nll(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
         density = _log_density(ex, ey, log_weights, scott * xx, scott * xy, scott * yy)
         loss[:, step] = -np.maximum(density, LOG_DENSITY_BOUND)
     enough = ((weights > 0).sum(axis=1) >= 3) & (spread > 1e-12)
-    return np.where(enough, _mean_over_known(loss, known), np.nan)
+    return np.where(enough, mean_over_known(loss, known), np.nan)
 
 
 @dataclass(frozen=True)
@@ -207,12 +207,8 @@ METRICS = (
     Metric("minFDE_{k}", min_fde, "m", True, True, "FDE of the best of {k} samples of each agent."),
     Metric("JADE_{k}", joint_ade, "m", True, True, "ADE under the best of {k} samples of the whole scene."),
     Metric("JFDE_{k}", joint_fde, "m", True, True, "FDE under the best of {k} samples of the whole scene."),
-    Metric(
-        "MR_2m_{k}", miss_rate_2m, "1", True, True, "Share missed by more than 2 m by all of {k} samples."
-    ),
-    Metric(
-        "KDE_NLL", kde_nll, "nat", True, True, "Negative log density of a kernel estimate over {k} samples."
-    ),
+    Metric("MR_2m_{k}", miss_rate_2m, "1", True, True, "Share missed by more than 2 m by all of {k} samples."),
+    Metric("KDE_NLL", kde_nll, "nat", True, True, "Negative log density of a kernel estimate over {k} samples."),
 )
 """Every metric; a new one is a function and a row here."""
 
@@ -234,7 +230,8 @@ def score(forecast: Forecast, truth: Truth, k: int = 1) -> dict[str, np.ndarray]
     return {metric.name: metric(forecast, truth, k) for metric in metric_rows(k)}
 
 
-def _norm(difference: np.ndarray) -> np.ndarray:
+def distance(difference: np.ndarray) -> np.ndarray:
+    """Euclidean length along the last axis."""
     return np.sqrt(np.einsum("...i,...i->...", difference, difference))
 
 
@@ -242,10 +239,11 @@ def _known(truth: Truth) -> np.ndarray:
     return np.asarray(truth.known, dtype=bool)
 
 
-def _mean_over_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    count = known.sum(axis=1)
-    total = np.where(known, values, 0.0).sum(axis=1)
-    return np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
+def mean_over_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Mean of [..., 12] values over the known steps: [...], NaN where none is known."""
+    count = known.sum(axis=-1)
+    total = np.where(known, values, 0.0).sum(axis=-1)
+    return np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
 
 
 def _most_likely(forecast: Forecast, truth: Truth) -> np.ndarray:
@@ -256,7 +254,7 @@ def _most_likely(forecast: Forecast, truth: Truth) -> np.ndarray:
 
 
 def _most_likely_error(forecast: Forecast, truth: Truth) -> np.ndarray:
-    return _norm(_most_likely(forecast, truth) - truth.future)
+    return distance(_most_likely(forecast, truth) - truth.future)
 
 
 def _samples(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
@@ -277,14 +275,14 @@ def _sample_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     samples = _samples(forecast, truth, k)
     known = _known(truth)
     # One sample at a time: all of them at once in float64 would be the largest array of an evaluation.
-    errors = (_norm(samples[:, i].astype(np.float64) - truth.future) for i in range(samples.shape[1]))
-    return np.stack([_mean_over_known(error, known) for error in errors], axis=1)
+    errors = (distance(samples[:, i].astype(np.float64) - truth.future) for i in range(samples.shape[1]))
+    return np.stack([mean_over_known(error, known) for error in errors], axis=1)
 
 
 def _sample_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     """FDE of each sample: [A, k or 1]."""
     last = _samples(forecast, truth, k)[:, :, -1].astype(np.float64)
-    return np.where(_known(truth)[:, -1:], _norm(last - truth.future[:, None, -1]), np.nan)
+    return np.where(_known(truth)[:, -1:], distance(last - truth.future[:, None, -1]), np.nan)
 
 
 def _under_best_of_scene(error: np.ndarray, truth: Truth) -> np.ndarray:
@@ -342,20 +340,14 @@ def _checked(forecast: Forecast, truth: Truth) -> np.ndarray:
     if not np.isfinite(truth.future[_known(truth)]).all():
         raise DataError("Truth holds steps that are marked as known but are not finite.")
     if not isinstance(forecast, Forecast):
-        raise PredictorError(
-            f"Expected a Forecast, got {type(forecast).__name__}; wrap it: Forecast(positions)."
-        )
+        raise PredictorError(f"Expected a Forecast, got {type(forecast).__name__}; wrap it: Forecast(positions).")
     positions = np.asarray(forecast.positions)
     expected = f"expected ({agents}, K, {FUTURE}, 2): agents, samples (at least 1), steps, x and y in metres"
     if positions.ndim != 4 or positions.shape[::2] != (agents, FUTURE) or positions.shape[3] != 2:
-        hint = (
-            "; for a single sample use positions[:, None]" if positions.shape == (agents, FUTURE, 2) else ""
-        )
+        hint = "; for a single sample use positions[:, None]" if positions.shape == (agents, FUTURE, 2) else ""
         raise PredictorError(f"Forecast positions have shape {positions.shape}, {expected}{hint}.")
     if positions.shape[1] == 0 or positions.dtype.kind not in "fiu":
-        raise PredictorError(
-            f"Forecast positions are {positions.dtype} of shape {positions.shape}, {expected}."
-        )
+        raise PredictorError(f"Forecast positions are {positions.dtype} of shape {positions.shape}, {expected}.")
     if not np.isfinite(positions).all():
         row, sample, step, _ = np.argwhere(~np.isfinite(positions))[0]
         where = f"row {row}, scene {np.searchsorted(scene, row, side='right') - 1}"
@@ -372,7 +364,5 @@ def _checked(forecast: Forecast, truth: Truth) -> np.ndarray:
                 "sample of each agent; leave them out if all samples are equally likely."
             )
         if not (np.isfinite(weights) & (weights >= 0)).all():
-            raise PredictorError(
-                "Forecast weights must be finite and not negative; log weights need exp first."
-            )
+            raise PredictorError("Forecast weights must be finite and not negative; log weights need exp first.")
     return positions

@@ -73,9 +73,7 @@ class ForecastEnv(ParallelEnv):
         if clock not in CLOCKS:
             raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
         if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
-            raise SpecError(
-                f"`samples={samples}` must be a whole number, 1 or more: the K forecasts of an action."
-            )
+            raise SpecError(f"`samples={samples}` must be a whole number, 1 or more: the K forecasts of an action.")
         check_render_mode(render_mode)
         self.clock: Clock = make_clock(self.domain, clock, split)
         if not self.clock.size:
@@ -90,9 +88,7 @@ class ForecastEnv(ParallelEnv):
         self._observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (HISTORY, features), np.float32)
         self._action_space = gymnasium.spaces.Box(-np.inf, np.inf, (samples, FUTURE, 2), np.float32)
         card = self.domain.card
-        self._canvas = Canvas(
-            f"{card.name}, {clock} clock", self.clock.extent, card.unit, self.metadata["render_fps"]
-        )
+        self._canvas = Canvas(f"{card.name}, {clock} clock", self.clock.extent, card.unit, self.metadata["render_fps"])
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Box(8, F), the same for all agents."""
@@ -157,27 +153,26 @@ class ForecastEnv(ParallelEnv):
     def _forecast(self, actions: Mapping[str, np.ndarray]) -> Forecast:
         if not self.agents:
             raise ActionError("The episode is over, or was not begun: call reset().")
-        extra = [name for name in actions if name not in set(self.agents)]
+        here = set(self.agents)
+        extra = [name for name in actions if name not in here]
         if extra:
             why = "has left" if extra[0] in self.possible_agents else "is not an agent of this environment"
             raise ActionError(f"Action for `{extra[0]}`, which {why}. Give actions for `env.agents` only.")
         missing = [name for name in self.agents if name not in actions]
         if missing:
-            raise ActionError(
-                f"No action for {len(missing)} agents, {missing[0]} first: every agent needs a forecast."
-            )
+            raise ActionError(f"No action for {len(missing)} agents, {missing[0]} first: every agent needs a forecast.")
         chosen = [actions[name] for name in self.agents]
         for name, action in zip(self.agents, chosen, strict=True):
             check_action(action, (self.samples, FUTURE, 2), f"Action of `{name}`", one_sample=True)
         stacked = np.stack([a.reshape(self.samples, FUTURE, 2) for a in chosen])
         if not np.isfinite(stacked).all():
             bad = self.agents[int(np.flatnonzero(~np.isfinite(stacked).all(axis=(1, 2, 3)))[0])]
-            raise ActionError(
-                f"Action of `{bad}` has NaN or infinite positions: every position must be finite."
-            )
+            raise ActionError(f"Action of `{bad}` has NaN or infinite positions: every position must be finite.")
         return Forecast(stacked)
 
     def _report(self, settled: Settled, infos: dict[str, dict[str, Any]]) -> None:
+        if not len(settled.made):
+            return
         order = np.argsort(settled.identity, kind="stable")
         identity, start, count = np.unique(settled.identity[order], return_index=True, return_counts=True)
         columns = {
@@ -188,9 +183,7 @@ class ForecastEnv(ParallelEnv):
             "made": settled.made[order],
         }
         for i, first, n in zip(identity, start, count, strict=True):
-            infos[self.clock.name(i)].update(
-                {key: column[first : first + n] for key, column in columns.items()}
-            )
+            infos[self.clock.name(i)].update({key: column[first : first + n] for key, column in columns.items()})
 
     def _show(self, settled: Settled | None) -> None:
         if not self.render_mode:

@@ -89,27 +89,25 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
         )
     if positions.shape[1] not in (1, samples):
         raise PredictorError(
-            f"{name}.predict returned {positions.shape[1]} samples and {samples} were asked for: return {samples}, or 1 "
-            "if the predictor is deterministic."
+            f"{name}.predict returned {positions.shape[1]} samples and {samples} were asked for: return {samples}, or "
+            "1 if the predictor is deterministic."
         )
     if positions.dtype.kind != "f":
-        raise PredictorError(
-            f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres."
-        )
+        raise PredictorError(f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres.")
     finite = np.isfinite(positions).all(axis=(1, 2, 3))
     if not finite.all():
         bad = int(np.flatnonzero(~finite)[0])
         raise PredictorError(
-            f"{name}.predict returned NaN or infinite positions for {int((~finite).sum())} of {agents} agents, the first "
-            f"in row {bad} (agent {observation.agent[bad]}): every position must be finite."
+            f"{name}.predict returned NaN or infinite positions for {int((~finite).sum())} of {agents} agents, the "
+            f"first in row {bad} (agent {observation.agent[bad]}): every position must be finite."
         )
     weights = forecast.weights
     if weights is not None:
         weights = np.asarray(weights)
         if weights.shape != positions.shape[:2] or not np.isfinite(weights).all() or (weights < 0).any():
             raise PredictorError(
-                f"{name}.predict returned weights of shape {weights.shape}: expected {positions.shape[:2]}, finite and not "
-                "negative, or None."
+                f"{name}.predict returned weights of shape {weights.shape}: expected {positions.shape[:2]}, finite and "
+                "not negative, or None."
             )
     return Forecast(positions.astype(np.float32, copy=False), weights)
 
@@ -135,11 +133,7 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
         if "read-only" in str(error) or "not writeable" in str(error):
             remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
         elif isinstance(error, TypeError) and "argument" in str(error):
-            remedy = (
-                " The signature is predict(self, observation, samples=1, seed=0)."
-                if method == "predict"
-                else ""
-            )
+            remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
         raise PredictorError(
             f"{name_of(predictor)}.{method} raised {type(error).__name__}: {error}.{remedy}"
         ) from error

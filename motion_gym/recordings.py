@@ -94,12 +94,8 @@ def check_recording(recording: Recording) -> None:
     _check_dt(recording.dt)
     for label, array, shape in (("frame", frame, "[R]"), ("agent", agent, "[R]"), ("xy", xy, "[R, 2]")):
         if not isinstance(array, np.ndarray):
-            raise DataError(
-                f"recording {name}: {label} is a {type(array).__name__}; make it a numpy array {shape}."
-            )
-        right = (
-            array.shape == (len(frame), 2) if label == "xy" else array.ndim == 1 and len(array) == len(frame)
-        )
+            raise DataError(f"recording {name}: {label} is a {type(array).__name__}; make it a numpy array {shape}.")
+        right = array.shape == (len(frame), 2) if label == "xy" else array.ndim == 1 and len(array) == len(frame)
         if not right:
             raise DataError(
                 f"recording {name}: {label} has shape {array.shape}; expected {shape}, with the same number "
@@ -107,9 +103,7 @@ def check_recording(recording: Recording) -> None:
             )
         kinds, kind = ("f", "float64") if label == "xy" else ("iu", "int64")
         if array.dtype.kind not in kinds:
-            raise DataError(
-                f"recording {name}: {label} is {array.dtype}; convert it: {label}.astype(numpy.{kind})."
-            )
+            raise DataError(f"recording {name}: {label} is {array.dtype}; convert it: {label}.astype(numpy.{kind}).")
     if len(frame) == 0:
         raise DataError(f"recording {name} has no rows. Expected at least one frame with one agent.")
     table = np.column_stack([frame, agent, xy]).astype(np.float64)
@@ -119,9 +113,7 @@ def check_recording(recording: Recording) -> None:
         if len(swapped) == 0:
             return
         row = int(swapped[0]) + 1
-        fault = _Fault(
-            row, row - 1, "order", f"agent {agent[row]} comes after agent {agent[row - 1]} of its frame"
-        )
+        fault = _Fault(row, row - 1, "order", f"agent {agent[row]} comes after agent {agent[row - 1]} of its frame")
     remedy = {
         "order": "Sort all columns: order = numpy.lexsort((agent, frame)).",
         "duplicate": "Keep one of the two rows, or give the second agent another id.",
@@ -172,9 +164,7 @@ def _first_fault(table: np.ndarray) -> _Fault | None:
     if infinite.any():
         row = int(infinite.any(axis=1).argmax())
         column = int(infinite[row].argmax())
-        faults.append(
-            _Fault(row, None, "finite", f"{_NAMES[column]} is {table[row, column]}, not a finite number")
-        )
+        faults.append(_Fault(row, None, "finite", f"{_NAMES[column]} is {table[row, column]}, not a finite number"))
     with np.errstate(invalid="ignore"):
         fraction = (table[:, :2] != np.rint(table[:, :2])) | (np.abs(table[:, :2]) >= _EXACT)
         backwards = np.diff(table[:, 0]) < 0

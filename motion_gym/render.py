@@ -27,8 +27,8 @@ def check_render_mode(mode: str | None) -> None:
 
         if plt.get_backend().lower() in WINDOWLESS:
             warnings.warn(
-                f"render_mode `human` will show nothing: matplotlib's backend here is `{plt.get_backend()}`, which opens "
-                "no window. Use render_mode='rgb_array', or a screen and a window toolkit (PySide6, tkinter).",
+                f"render_mode `human` will show nothing: matplotlib's backend here is `{plt.get_backend()}`, which "
+                "opens no window. Use render_mode='rgb_array', or a screen and a window toolkit (PySide6, tkinter).",
                 RuntimeWarning,
                 stacklevel=3,
             )
@@ -80,9 +80,7 @@ class Canvas:
             SpecError: no render_mode was chosen, or nothing has happened yet.
         """
         if mode is None:
-            raise SpecError(
-                "The environment was made without a render_mode: make it with render_mode='rgb_array'."
-            )
+            raise SpecError("The environment was made without a render_mode: make it with render_mode='rgb_array'.")
         if self.observation is None:
             raise SpecError("There is nothing to render yet: call reset() first.")
         if mode == "human":
@@ -141,9 +139,7 @@ class Canvas:
             axes.plot(*xy[:, -1].T, "o", color=HISTORY_COLOR, markersize=5)
             if len(xy) <= 12:
                 for number, (x, y) in zip(self.observation.agent, xy[:, -1], strict=True):
-                    axes.annotate(
-                        str(number), (x, y), (5, 4), textcoords="offset points", fontsize=8, color="#4a5568"
-                    )
+                    axes.annotate(str(number), (x, y), (5, 4), textcoords="offset points", fontsize=8, color="#4a5568")
         now = 0 if self.observation is None else len(self.observation)
         axes.set_title(f"{self.title}   step {self.time}, {now} agents", fontsize=11, loc="left")
         handles = [

@@ -13,16 +13,13 @@ from motion_gym import catalog
 from motion_gym.clocks import WindowsClock
 from motion_gym.contract import (
     FUTURE,
-    HISTORY,
     ActionError,
     Domain,
     Forecast,
-    Observation,
     SpecError,
-    Truth,
     check_action,
 )
-from motion_gym.metrics import ade
+from motion_gym.metrics import distance, mean_over_known
 from motion_gym.render import Canvas, check_render_mode
 from motion_gym.windows import pick_scenes
 
@@ -38,9 +35,7 @@ class Padded:
         **parameters: Parameters of the domain.
     """
 
-    def __init__(
-        self, domain: str | Domain, split: str, max_agents: int | None, samples: int, **parameters: Any
-    ):
+    def __init__(self, domain: str | Domain, split: str, max_agents: int | None, samples: int, **parameters: Any):
         self.domain = catalog.domain(domain, **parameters)
         self.truth = self.domain.windows(split)
         self.sizes = np.diff(self.truth.observation.scene)
@@ -56,56 +51,46 @@ class Padded:
                 f"Leave max_agents out, or give {largest} or more."
             )
         self.samples, self.max_agents = samples, max_agents or largest
-        features = self.truth.observation.history.shape[2]
+        # Padded once, so that a step only picks rows.
+        self.mask = np.arange(self.max_agents) < self.sizes[:, None]
+        self.history = self._pad(self.truth.observation.history)
+        self.future = self._pad(self.truth.future)
+        self.known = self._pad(self.truth.known)
         infinite = np.inf
         self.observation_space = gymnasium.spaces.Dict(
-            history=gymnasium.spaces.Box(
-                -infinite, infinite, (self.max_agents, HISTORY, features), np.float32
-            ),
+            history=gymnasium.spaces.Box(-infinite, infinite, self.history.shape[1:], np.float32),
             mask=gymnasium.spaces.MultiBinary(self.max_agents),
         )
-        self.action_space = gymnasium.spaces.Box(
-            -infinite, infinite, (self.max_agents, samples, FUTURE, 2), np.float32
-        )
+        self.action_space = gymnasium.spaces.Box(-infinite, infinite, (self.max_agents, samples, FUTURE, 2), np.float32)
 
     def observe(self, windows: np.ndarray) -> dict[str, np.ndarray]:
         """History [N, max_agents, 8, F] and mask [N, max_agents] of the given windows."""
-        mask, rows = self._rows(windows)
-        history = np.zeros((*mask.shape, *self.truth.observation.history.shape[1:]), np.float32)
-        history[mask] = self.truth.observation.history[rows]
-        return {"history": history, "mask": mask.astype(np.int8)}
+        return {"history": self.history[windows], "mask": self.mask[windows].astype(np.int8)}
 
     def score(self, windows: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Score [N, max_agents, K, 12, 2] forecasts: reward [N] (minus the mean ADE) and what is revealed."""
-        mask, rows = self._rows(windows)
-        forecast = actions[mask]
-        if not np.isfinite(forecast).all():
+        """Score [N, max_agents, K, 12, 2] forecasts.
+
+        Returns:
+            Reward [N], minus the mean ADE, and what is revealed: future [N, max_agents, 12, 2], known
+            [N, max_agents, 12] and ade [N, max_agents], 0 where the mask is 0.
+
+        Raises:
+            ActionError: a forecast of an agent whose mask is 1 is not finite.
+        """
+        mask, future, known = self.mask[windows], self.future[windows], self.known[windows]
+        if not np.isfinite(actions.sum()) and not np.isfinite(actions[mask]).all():
             raise ActionError(
                 "The action has NaN or infinite positions for agents whose mask is 1: all must be finite."
             )
-        known, future = self.truth.known[rows], self.truth.future[rows]
-        error = np.zeros(mask.shape)
-        error[mask] = ade(Forecast(forecast), _one_scene(future, known, self.truth, rows))
-        revealed = {
-            "future": np.zeros((*mask.shape, FUTURE, 2), np.float32),
-            "known": np.zeros((*mask.shape, FUTURE), bool),
-            "ade": error,
-        }
-        revealed["future"][mask] = future
-        revealed["known"][mask] = known
-        return -error.sum(axis=1) / np.maximum(mask.sum(axis=1), 1), revealed
+        error = distance(actions[:, :, 0].astype(np.float64) - future)
+        ade = np.where(mask, mean_over_known(error, known), 0.0)
+        reward = -ade.sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
+        return reward, {"future": future, "known": known, "ade": ade}
 
-    def _rows(self, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        mask = np.arange(self.max_agents) < self.sizes[windows, None]
-        rows = self.truth.observation.scene[windows, None] + np.arange(self.max_agents)
-        return mask, rows[mask]
-
-
-def _one_scene(future: np.ndarray, known: np.ndarray, truth: Truth, rows: np.ndarray) -> Truth:
-    whole = truth.observation
-    return Truth(
-        future, known, Observation(whole.history[rows], np.array([0, len(rows)]), whole.agent[rows], whole.dt)
-    )
+    def _pad(self, rows: np.ndarray) -> np.ndarray:
+        padded = np.zeros((*self.mask.shape, *rows.shape[1:]), rows.dtype)
+        padded[self.mask] = rows
+        return padded
 
 
 class WindowEnv(gymnasium.Env):
@@ -158,9 +143,7 @@ class WindowEnv(gymnasium.Env):
         extent = WindowsClock(self.padded.truth).extent
         self._canvas = Canvas(card.name, extent, card.unit, self.metadata["render_fps"])
 
-    def reset(
-        self, *, seed: int | None = None, options: dict | None = None
-    ) -> tuple[dict[str, np.ndarray], dict]:
+    def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict[str, np.ndarray], dict]:
         """Go to the first window. The data is what it is: seed and options change nothing."""
         super().reset(seed=seed)
         self.window = 0
@@ -238,9 +221,7 @@ class WindowVectorEnv(VectorEnv):
         **parameters: Any,
     ):
         if render_mode is not None:
-            raise SpecError(
-                "The vector environment draws no pictures: leave render_mode out, or use one environment."
-            )
+            raise SpecError("The vector environment draws no pictures: leave render_mode out, or use one environment.")
         self.padded = Padded(domain, split, max_agents, samples, **parameters)
         self.domain = self.padded.domain
         windows = len(self.padded.sizes)
@@ -279,17 +260,16 @@ class WindowVectorEnv(VectorEnv):
             raise ActionError("The episode was not begun: call reset().")
         check_action(actions, self.action_space.shape or (), "The action")
         playing = ~self._ended
-        reward = np.zeros(self.num_envs)
-        scored, revealed = self.padded.score(self.window[playing], actions[playing])
-        reward[playing] = scored
-        infos: dict[str, Any] = {"window": self.window.copy(), "_window": playing}
-        for key, value in revealed.items():
-            whole = np.zeros((self.num_envs, *value.shape[1:]), value.dtype)
-            whole[playing] = value
-            infos[key], infos[f"_{key}"] = whole, playing.copy()
+        if not playing.all():
+            actions = np.where(playing[:, None, None, None, None], actions, np.float32(0))
+        reward, revealed = self.padded.score(self.window, actions)
+        reward[self._ended] = 0
+        infos: dict[str, Any] = {}
+        for key, value in {**revealed, "window": self.window.copy()}.items():
+            value[self._ended] = 0
+            infos[key], infos[f"_{key}"] = value, playing.copy()
         following = self.window + self.num_envs
         ended = playing & (following >= len(self.padded.sizes))
         self.window = np.where(self._ended, np.arange(self.num_envs), np.where(ended, self.window, following))
         self._ended = ended
-        observation = self.padded.observe(self.window)
-        return observation, reward, ended.copy(), np.zeros(self.num_envs, bool), infos
+        return self.padded.observe(self.window), reward, ended.copy(), np.zeros(self.num_envs, bool), infos

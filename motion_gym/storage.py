@@ -102,9 +102,7 @@ def cached_arrays(key: Mapping[str, Any], make: Callable[[], dict[str, np.ndarra
     arrays = make()
     objects = [name for name, array in arrays.items() if np.asarray(array).dtype.hasobject]
     if objects:
-        raise SpecError(
-            f"arrays of Python objects cannot be cached: {', '.join(objects)}; use numbers or strings"
-        )
+        raise SpecError(f"arrays of Python objects cannot be cached: {', '.join(objects)}; use numbers or strings")
     try:
         with atomic_file(path) as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]  # not compressed: loads at the speed of the disk

@@ -138,12 +138,10 @@ def stack(parts: Sequence[Truth]) -> Truth:
         np.concatenate([p.observation.agent for p in parts]),
         parts[0].observation.dt,
     )
-    return Truth(
-        np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation
-    )
+    return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
 
 
-def pick_scenes(truth: Truth, scenes: np.ndarray | slice) -> Truth:
+def pick_scenes(truth: Truth, scenes: np.ndarray | list[int] | slice) -> Truth:
     """The given scenes of a truth, in the given order."""
     observation = truth.observation
     chosen = np.arange(observation.scenes)[scenes]

@@ -18,6 +18,8 @@ class ConstantVelocity:
         velocity: ``"last"`` step, or ``"mean"`` of the 7 observed steps.
     """
 
+    selection = "no weights"
+
     def __init__(self, velocity: str = "last"):
         if velocity not in ("last", "mean"):
             raise SpecError(

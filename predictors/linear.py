@@ -10,7 +10,7 @@ from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, Predicto
 
 
 class Linear:
-    """Linear map from the 7 observed displacements to the 12 future offsets, turned so that the last step points along x.
+    """Linear map from 7 observed displacements to 12 future offsets, turned so that the last step points along x.
 
     Deterministic; every agent by itself. Fits in closed form, all environments together:
     ``W = (X'X + ridge I)^-1 X'Y``, where X has the 14 rotated displacement values, the 8 values of sigma if asked
@@ -21,6 +21,8 @@ class Linear:
         sigma: Use the third feature of the history too. The default never looks at it.
         ridge: L2 weight, >= 0, in the units of the data (metres, and whatever unit sigma has).
     """
+
+    selection = "fitted in closed form to the train windows of the sources; nothing was selected"
 
     def __init__(self, sigma: bool = False, ridge: float = 1.0):
         if isinstance(ridge, (str, bool)) or not 0 <= ridge < np.inf:
@@ -51,9 +53,7 @@ class Linear:
             targets.append((offset.astype(np.float64) @ turn)[complete].reshape(-1, 2 * FUTURE))
         x = np.concatenate(rows) if rows else np.zeros((0, 1))
         if not len(x):
-            raise PredictorError(
-                "linear cannot be fitted: the training set has no agent with 12 known future steps."
-            )
+            raise PredictorError("linear cannot be fitted: the training set has no agent with 12 known future steps.")
         y = np.concatenate(targets)
         self.weight = np.linalg.solve(x.T @ x + self.ridge * np.eye(x.shape[1]), x.T @ y)
         return self
@@ -65,9 +65,7 @@ class Linear:
             PredictorError: not fitted, or sigma is asked for and the observation has none.
         """
         if self.weight is None:
-            raise PredictorError(
-                "linear is not fitted: call fit(train, validation, seed), or evaluate it by name."
-            )
+            raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")
         inputs, turn = self._inputs(observation)
         # One row at a time would give other last bits than a batch with BLAS: einsum sums each row alike.
         offset = np.einsum("ai,ij->aj", inputs, self.weight).reshape(-1, FUTURE, 2)

@@ -37,9 +37,7 @@ class OrcaOracle:
             PredictorError: it is not an ORCA domain.
         """
         if domain.card.name != "orca":
-            raise PredictorError(
-                f"orca_oracle knows ORCA only, not `{domain.card.name}`: score it on an orca domain."
-            )
+            raise PredictorError(f"orca_oracle knows ORCA only, not `{domain.card.name}`: score it on an orca domain.")
         self._domain = domain
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
@@ -49,14 +47,10 @@ class OrcaOracle:
             PredictorError: it was not told the domain, or an observation is not the beginning of a whole scene.
         """
         if self._domain is None:
-            raise PredictorError(
-                "orca_oracle does not know the domain: call know(domain), or evaluate it by name."
-            )
+            raise PredictorError("orca_oracle does not know the domain: call know(domain), or evaluate it by name.")
         agents = self._domain.agents
         if (np.diff(observation.scene) != agents).any():
-            raise PredictorError(
-                f"orca_oracle needs whole scenes of {agents} agents, and a scene has another number."
-            )
+            raise PredictorError(f"orca_oracle needs whole scenes of {agents} agents, and a scene has another number.")
         history = observation.xy.reshape(observation.scenes, agents, HISTORY, 2).transpose(0, 2, 1, 3)
         first = history[:, 0].astype(np.float64)
         distance = np.linalg.norm(first, axis=-1, keepdims=True)
@@ -71,8 +65,8 @@ class OrcaOracle:
         error = np.abs(frames[:, :HISTORY] - history).max(initial=0)
         if error > TOLERANCE:
             raise PredictorError(
-                f"orca_oracle cannot place a history (simulated {error:.2f} m beside it): it needs scenes from their first "
-                "frame on, as the windows clock gives them, with the domain's own parameters."
+                f"orca_oracle cannot place a history (simulated {error:.2f} m beside it): it needs scenes from their "
+                "first frame on, as the windows clock gives them, with the domain's own parameters."
             )
         future = frames[:, HISTORY : HISTORY + FUTURE].transpose(0, 2, 1, 3)
         return Forecast(np.ascontiguousarray(future.reshape(-1, 1, FUTURE, 2)))

@@ -10,6 +10,8 @@ from motion_gym.contract import FUTURE, Forecast, Observation
 class StandStill:
     """Repeats the last observed position; the floor that every forecaster should clear. Deterministic."""
 
+    selection = "no weights"
+
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres."""
         last = observation.xy[:, None, -1:]

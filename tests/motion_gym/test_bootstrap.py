@@ -106,9 +106,7 @@ def test_one_cluster_has_no_interval(values, mean):
     result = clustered_interval(np.array(values), np.zeros(len(values), int))
     np.testing.assert_array_equal(result, [mean, np.nan, np.nan])
     difference = paired_difference(np.array(values), np.zeros(len(values)), np.zeros(len(values), int))
-    np.testing.assert_array_equal(
-        [difference.mean, difference.low, difference.p_value], [mean, np.nan, np.nan]
-    )
+    np.testing.assert_array_equal([difference.mean, difference.low, difference.p_value], [mean, np.nan, np.nan])
 
 
 @fast
@@ -119,9 +117,7 @@ def test_swapping_a_and_b_mirrors_the_difference(sample, seed):
     one = paired_difference(a, b, cluster, replicates=99, seed=seed)
     two = paired_difference(b, a, cluster, replicates=99, seed=seed)
     left = [one.mean, one.low, one.high, one.p_value, one.n]
-    np.testing.assert_allclose(
-        left, [-two.mean, -two.high, -two.low, two.p_value, two.n], rtol=1e-9, atol=1e-12
-    )
+    np.testing.assert_allclose(left, [-two.mean, -two.high, -two.low, two.p_value, two.n], rtol=1e-9, atol=1e-12)
 
 
 def test_the_difference_is_paired():

@@ -167,9 +167,7 @@ def test_fetch_without_network_says_what_to_do(toy: DataSet, capfd: pytest.Captu
     assert capfd.readouterr() == ("", "")
 
 
-def test_fetch_of_an_address_that_is_gone_gives_the_status(
-    toy: DataSet, server: str, source: Path, data: Path
-) -> None:
+def test_fetch_of_an_address_that_is_gone_gives_the_status(toy: DataSet, server: str, source: Path, data: Path) -> None:
     (source / "two.txt").unlink()
     with pytest.raises(DataError, match=rf"{server}/two\.txt answered 404 .*data add toy"):
         fetch("toy", base=server + "/")

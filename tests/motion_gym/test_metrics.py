@@ -24,9 +24,7 @@ def make(sizes, samples=5, seed=0, weighted=False, all_known=False, spread=1.0):
     start = rng.uniform(0, 3, (agents, 1, 2))
     future = (start + rng.normal(0, 0.3, (agents, 12, 2)).cumsum(1)).astype(np.float32)
     noise = spread * rng.normal(0, 0.3, (agents, samples, 12, 2)).cumsum(2)
-    known = (
-        np.ones((agents, 12), bool) if all_known else rng.random((agents, 12)) < rng.random((agents, 1)) * 1.3
-    )
+    known = np.ones((agents, 12), bool) if all_known else rng.random((agents, 12)) < rng.random((agents, 1)) * 1.3
     observation = Observation(np.zeros((agents, 8, 2), np.float32), scene, rng.permutation(agents), 0.4)
     truth = Truth(np.where(known[..., None], future, 0).astype(np.float32), known, observation)
     weights = rng.random((agents, samples)).astype(np.float32) if weighted else None
@@ -164,8 +162,7 @@ def test_order_of_the_metrics(case, data):
     ):
         there = ~np.isnan(one(forecast, truth))
         single, best, scene = (
-            values[there]
-            for values in (one(forecast, truth), least(forecast, truth, k), joint(forecast, truth, k))
+            values[there] for values in (one(forecast, truth), least(forecast, truth, k), joint(forecast, truth, k))
         )
         assert (best <= single).all()
         assert (best <= scene).all()

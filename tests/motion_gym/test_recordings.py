@@ -140,9 +140,7 @@ def test_duplicate_names_both_lines(tmp_path: Path) -> None:
 def test_unsorted_frames_name_the_line_and_the_remedy_works(tmp_path: Path, separator: str) -> None:
     swapped = ["1.0e+02 3 8 8", *GOOD, "5.0e0 1 9 9"]
     path = write(tmp_path, [line.replace(" ", separator) for line in swapped])
-    with pytest.raises(
-        DataError, match=r"line 2: frame 0 comes after frame 100 \(line 1\).*`LC_ALL=C sort"
-    ) as caught:
+    with pytest.raises(DataError, match=r"line 2: frame 0 comes after frame 100 \(line 1\).*`LC_ALL=C sort") as caught:
         read_recording(path)
     command = str(caught.value).split("`")[1]
     subprocess.run(["sh", "-c", command], cwd=tmp_path, check=True)
@@ -163,9 +161,7 @@ def test_empty_file(tmp_path: Path, content: str) -> None:
 
 
 def test_decimal_comma_in_the_first_line(tmp_path: Path) -> None:
-    with pytest.raises(
-        DataError, match=r"line 1: column 2 \(counted from 0\) is '0,5', not a number.*decimal point"
-    ):
+    with pytest.raises(DataError, match=r"line 1: column 2 \(counted from 0\) is '0,5', not a number.*decimal point"):
         read_recording(write(tmp_path, ["0 1 0,5 1.5", *GOOD[1:]]))
 
 

@@ -209,9 +209,7 @@ def test_two_processes_build_one_entry(cache: Path) -> None:
     """
     command = [sys.executable, "-c", textwrap.dedent(code)]
     both = [
-        subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for _ in range(2)
     ]
     for process in both:

@@ -1,0 +1,40 @@
+# make demo: install into .venv and score the baselines.   make test: the tests.   make check: what CI checks besides.
+SHELL := /bin/sh
+ROOT := $(dir $(abspath $(lastword $(MAKEFILE_LIST))))
+VENV := $(ROOT).venv
+BIN := $(VENV)/bin
+PYTHON ?= python3
+export MPLBACKEND := Agg
+
+.PHONY: demo test check results bench clean
+
+$(VENV)/.ready: $(ROOT)pyproject.toml $(ROOT)constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	  { echo "motion-gym needs Python 3.10 or newer; $(PYTHON) is `$(PYTHON) --version`. Use: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt -e "$(ROOT)[dev]"
+	@touch $@
+
+demo: $(VENV)/.ready
+	$(BIN)/motion-gym demo
+
+test: $(VENV)/.ready
+	cd $(ROOT) && $(BIN)/python -m pytest -n 2 $(ARGS)
+
+check: $(VENV)/.ready
+	cd $(ROOT) && $(BIN)/ruff check .
+	cd $(ROOT) && $(BIN)/ruff format --check .
+	cd $(ROOT) && $(BIN)/mypy
+	cd $(ROOT) && $(BIN)/python -m pytest --doctest-modules motion_gym envs predictors -p no:cacheprovider
+	cd $(ROOT) && $(BIN)/python .ci/check_wheel.py
+
+# The table of the README, from scratch.
+results: $(VENV)/.ready
+	cd $(ROOT) && $(BIN)/motion-gym demo --out results/baselines && \
+	  $(BIN)/motion-gym table results/baselines --into README.md
+
+bench: $(VENV)/.ready
+	cd $(ROOT) && for script in bench/*.py; do $(BIN)/python $$script || exit 1; done
+
+clean:
+	rm -rf $(VENV) $(ROOT)build $(ROOT)dist $(ROOT)*.egg-info

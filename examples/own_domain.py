@@ -1,0 +1,54 @@
+"""A domain of your own, from any text file of `frame id x y` rows. Score on it with
+
+motion-gym score constant_velocity --domain own_domain:Tracks:path=tracks.txt      (from this folder)
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import motion_gym
+from motion_gym.domains import RecordedDomain
+
+
+class Tracks(RecordedDomain):
+    """Tracks from a file; the first 70 % of the frames are for training, the last 20 % for test."""
+
+    name = "tracks"
+    source = "a text file"
+
+    def __init__(self, path: str, dt: float = 0.4):
+        self.path, self.dt = path, dt
+
+    def recordings(self, split):
+        recording = motion_gym.read_recording(self.path, dt=self.dt)
+        first, last = {"train": (0, 0.7), "val": (0.7, 0.8), "test": (0.8, 1), "reference": (0, 0)}[split]
+        low, high = (int(share * len(np.unique(recording.frame))) for share in (first, last))
+        keep = np.isin(recording.frame, np.unique(recording.frame)[low:high])
+        if not keep.any():
+            return []
+        return [
+            motion_gym.Recording(recording.frame[keep], recording.agent[keep], recording.xy[keep], self.dt, self.path)
+        ]
+
+
+def write_an_example(path):
+    """Ten people who walk around a square for 200 frames."""
+    rows = [
+        f"{frame} {person} {6 * np.cos(0.05 * frame + person):.3f} {6 * np.sin(0.05 * frame + person):.3f}"
+        for frame in range(200)
+        for person in range(10)
+    ]
+    Path(path).write_text("\n".join(rows) + "\n")
+
+
+if __name__ == "__main__":
+    path = sys.argv[1] if len(sys.argv) > 1 else str(Path(tempfile.mkdtemp()) / "tracks.txt")
+    if len(sys.argv) == 1:
+        write_an_example(path)
+    domain = Tracks(path)
+    motion_gym.check_domain(domain)
+    print(motion_gym.leak_probe(domain))
+    print(motion_gym.evaluate("constant_velocity", domain))

@@ -1,0 +1,262 @@
+"""The command line, ``motion-gym``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from motion_gym import catalog, datasets, report, results
+from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError, SpecError
+from motion_gym.evaluation import BASELINE, PROTOCOLS
+from motion_gym.metrics import METRICS
+from motion_gym.storage import data_folder
+
+console = Console()
+
+Names = tyro.conf.Positional[list[str]]
+Name = tyro.conf.Positional[str]
+
+DEMO = {
+    "predictors": ["stand_still", "linear"],
+    "domains": ["orca:d=0.1", "orca:d=0.3", "orca:d=0.6", "eth", "hotel", "univ", "zara1", "zara2"],
+}
+
+
+def score(
+    predictors: Names,
+    domain: tyro.conf.UseAppendAction[list[str]],
+    k: int | None = None,
+    protocol: str = "honest",
+    split: str = "test",
+    seed: int = 0,
+    out: Path | None = None,
+) -> None:
+    """Score predictors on domains, between constant velocity and the domain's oracle if it has one.
+
+    Under the honest protocol the domains whose windows need two agents are scored a second time with all agents.
+
+    Args:
+        predictors: Names, specs (linear:sigma=true) or your own (module:Class).
+        domain: Name or spec, as eth:alpha=64 or orca:d=0.6; give it once for each domain.
+        k: Samples per agent; by default 1 (honest) or 20 (paper).
+        protocol: honest or paper.
+        split: Split to score.
+        seed: Seed of samples and fits.
+        out: Folder for one JSON file per run; a run that is there already is not run again.
+    """
+    if not predictors:
+        raise SpecError("No predictor was named: motion-gym score linear --domain eth. See `motion-gym ls`.")
+    if not domain:
+        raise SpecError("No domain was named: add --domain eth, or see `motion-gym ls`.")
+    for predictor in predictors:
+        catalog.predictor(predictor)
+    places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
+    _score(predictors, places, out, k=k, protocol=protocol, split=split, seed=seed)
+
+
+def demo(out: Path | None = None) -> None:
+    """Score the baselines on freshly simulated crowds, and on ETH-UCY where its data is here.
+
+    Args:
+        out: Folder for one JSON file per run; a run that is there already is not run again.
+    """
+    wanted = [catalog.domain(spec) for spec in DEMO["domains"]]
+    here = all(state.state == "ok" for state in datasets.verify("eth_ucy"))
+    places = [p for p in wanted if here or not p.card.files]
+    _score(DEMO["predictors"], places, out, k=1, protocol="honest", split="test", seed=0)
+    if not here:
+        console.print("ETH-UCY was left out: its data is not here. Add it with one of")
+        console.print("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
+        console.print("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
+    console.print("Next: write a predictor of your own (examples/own_predictor.py), and score it with")
+    console.print("  motion-gym score own_predictor:Turning --domain orca:d=0.6", highlight=False)
+
+
+def table(folder: tyro.conf.Positional[Path], into: Path | None = None, name: str = "baselines") -> None:
+    """Print the tables of a folder of results as Markdown, or put them into a file.
+
+    Args:
+        folder: What `score --out` wrote.
+        into: File with the lines `<!-- results: NAME -->` and `<!-- results end -->`; what is between is replaced.
+        name: NAME of these lines.
+    """
+    text = "\n\n".join(report.markdown(rows) for rows in report.groups(results.read_folder(folder)))
+    if into is None:
+        print(text)
+    else:
+        changed = report.insert(into, name, text)
+        console.print(f"{into}: {'written' if changed else 'already up to date'}")
+
+
+def ls() -> None:
+    """List domains, predictors, protocols, metrics and data sets."""
+    _list("Domains  (name:parameter=value; also environments motion_gym/ID)", ("name", "id", "what"), [
+        (name, entry.env_id or "", entry.summary) for name, entry in catalog.DOMAINS.items()
+    ])  # fmt: skip
+    _list("Predictors  (or your own: module:Class)", ("name", "what"), [
+        (name, entry.summary) for name, entry in catalog.PREDICTORS.items()
+    ])  # fmt: skip
+    _list("Protocols", ("name", "what"), list(PROTOCOLS.items()))
+    _list("Metrics", ("name", "unit", "what"), [(m.name, m.unit, m.description) for m in METRICS])
+    _list("Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()])
+
+
+def check(thing: Name) -> None:
+    """Hold a predictor or a domain of yours to the contract, and look for leaks of the future.
+
+    Args:
+        thing: module:Class, a name or a spec.
+    """
+    from motion_gym.checks import check_domain, check_predictor
+    from motion_gym.leaks import leak_probe
+
+    name, _ = catalog.parse_spec(thing)
+    is_predictor = name in catalog.PREDICTORS or (
+        ":" in name and callable(getattr(catalog.load_class(name), "predict", None))
+    )
+    if is_predictor:
+        check_predictor(thing)
+        console.print(f"{thing} keeps the contract of a predictor.", highlight=False)
+        return
+    place = catalog.domain(thing)
+    check_domain(place)
+    console.print(f"{thing} keeps the contract of a domain.", highlight=False)
+    for clock in ("windows", "stream"):
+        found = leak_probe(place, clock=clock)
+        console.print(str(found), highlight=False)
+        if not found.ok:
+            raise DataError(f"{thing} leaks the future; see above.")
+
+
+def data(
+    action: tyro.conf.Positional[Literal["ls", "add", "fetch", "verify"]],
+    name: tyro.conf.Positional[str | None] = None,
+    source: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
+) -> None:
+    """List, add, download or verify data sets.
+
+    Args:
+        action: ls: what there is and what is here; add: copy the files from a folder, after checking each; fetch:
+            download what is missing; verify: check every file against its checksum.
+        name: Name of the data set, as eth_ucy.
+        source: For add: the folder that holds the files, at any depth.
+    """
+    if action == "ls":
+        for entry, states in datasets.listing():
+            here = sum(state.state == "ok" for state in states)
+            console.print(f"[bold]{entry.name}[/bold]  {escape(entry.title)}: {here} of {len(states)} files here")
+            for label, text in (
+                ("folder", str(data_folder() / entry.name)),
+                ("source", entry.source),
+                ("terms", entry.terms),
+                ("cite", entry.citation),
+            ):
+                console.print(f"  {label + ':':8}{text}", highlight=False, soft_wrap=True, markup=False)
+        return
+    if name is None:
+        raise SpecError(f"Which data set? motion-gym data {action} NAME; known: {', '.join(datasets.DATASETS)}.")
+    if action == "add":
+        if source is None:
+            raise SpecError(f"Where are the files? motion-gym data add {name} --from DIR")
+        states = datasets.add(name, source)
+    else:
+        states = datasets.fetch(name) if action == "fetch" else datasets.verify(name)
+    for state in states:
+        color = "green" if state.state == "ok" else "red"
+        console.print(
+            f"  [{color}]{state.state:8}[/{color}] {escape(str(state.path))}", highlight=False, soft_wrap=True
+        )
+    bad = [state for state in states if state.state != "ok"]
+    if bad:
+        raise DataError(
+            f"{len(bad)} of {len(states)} files of {name} are missing or damaged: `motion-gym data fetch {name}`, or "
+            f"`motion-gym data add {name} --from DIR`."
+        )
+    console.print(f"{name}: all {len(states)} files are here and whole.", highlight=False)
+
+
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "score": score,
+    "demo": demo,
+    "table": table,
+    "ls": ls,
+    "check": check,
+    "data": data,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; errors that people can mend are one message and exit status 2."""
+    # So that module:Class finds files of the folder one works in.
+    sys.path.insert(0, os.getcwd())
+    try:
+        tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="motion-gym",
+            description="Test motion forecasters where they will be used.",
+            args=arguments,
+        )
+    except MotionGymError as error:
+        Console(stderr=True).print(f"[bold red]error:[/bold red] {escape(str(error))}", highlight=False, soft_wrap=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _variants(place: Domain, protocol: str) -> list[Domain]:
+    """The domain, and under the honest protocol also the one in which agents that are alone count."""
+    if protocol != "honest" or place.card.parameters.get("min_agents", 1) == 1 or not hasattr(place, "replace"):
+        return [place]
+    return [place, place.replace(min_agents=1)]
+
+
+def _score(predictors: Sequence[str], places: Sequence[Domain], out: Path | None, **options: Any) -> None:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    jobs = {place: _between(predictors, place) for place in places}
+    failures = []
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
+        task = progress.add_task("", total=sum(map(len, jobs.values())))
+        for place, names in jobs.items():
+            rows = []
+            for name in names:
+                progress.update(task, description=escape(f"{name} on {results.spec_of(place)}"))
+                try:
+                    rows.append(results.run(name, place, out, **options))
+                except PredictorError as error:
+                    failures.append(f"{name} on {results.spec_of(place)}: {error}")
+                progress.advance(task)
+            report.print_table(console, rows)
+    if failures:
+        raise PredictorError("; ".join(failures))
+    if out is not None:
+        console.print(f"Results are in {out}.", highlight=False)
+
+
+def _between(predictors: Sequence[str], place: Domain) -> list[str]:
+    """The predictors between constant velocity and the oracle, each once."""
+    oracle = [place.card.oracle] if place.card.oracle else []
+    return list(dict.fromkeys([BASELINE, *predictors, *oracle]))
+
+
+def _list(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    shown = Table(title=f"[bold]{title}", title_justify="left", header_style="bold", box=None, padding=(0, 2, 0, 0))
+    for name in header:
+        shown.add_column(name)
+    for row in rows:
+        shown.add_row(*(escape(cell) for cell in row))
+    console.print(shown)
+    console.print()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+"""Results as files: one JSON per run, written whole, found again, never run twice."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import importlib.metadata
+import inspect
+import json
+import platform
+import re
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from motion_gym import catalog
+from motion_gym.contract import DataError, Domain, Predictor
+from motion_gym.evaluation import default_k, evaluate
+from motion_gym.storage import write_atomic
+
+PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo")
+SCHEMA = 1
+
+
+def run(
+    predictor: str,
+    domain: Domain,
+    folder: Path | None = None,
+    *,
+    split: str = "test",
+    k: int | None = None,
+    protocol: str = "honest",
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Evaluate, or read the result of the same run from ``folder`` if it is there.
+
+    A run is the same if predictor, domain, parameters, options, data, the version of motion-gym and the source code
+    of predictor and domain are.
+
+    Returns:
+        The result as in the file: a scorecard (``Scorecard.as_dict``) and where it comes from.
+    """
+    k = default_k(protocol) if k is None else k
+    identity = _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed)
+    digest = hashlib.sha256(json.dumps(identity, sort_keys=True, default=str).encode()).hexdigest()[:12]
+    slug = re.sub(r"[^A-Za-z0-9.=-]+", "_", f"{predictor}--{spec_of(domain)}").strip("_")[:120]
+    path = None if folder is None else folder / f"{slug}--{digest}.json"
+    if path is not None and path.exists():
+        return read(path)
+    card = evaluate(predictor, domain, split=split, k=k, protocol=protocol, seed=seed)
+    result = {
+        "schema": SCHEMA,
+        **card.as_dict(),
+        "identity": identity,
+        "versions": versions(),
+        "commit": commit(),
+        "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "finished": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        "command": sys.argv[1:],
+    }
+    if path is not None:
+        write_atomic(path, (json.dumps(result, indent=1, allow_nan=False) + "\n").encode())
+    return result
+
+
+def read(path: Path) -> dict[str, Any]:
+    """One result.
+
+    Raises:
+        DataError: the file is not a result of this version of motion-gym.
+    """
+    try:
+        result = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} is not a result: {error}. Delete it, and run the command again.") from None
+    if not isinstance(result, dict) or result.get("schema") != SCHEMA:
+        raise DataError(f"{path} is not a result of this version of motion-gym. Delete it, and run the command again.")
+    return result
+
+
+def read_folder(folder: Path) -> list[dict[str, Any]]:
+    """All results of a folder, by file name.
+
+    Raises:
+        DataError: there is none, or one cannot be read.
+    """
+    paths = sorted(folder.glob("*.json"))
+    if not paths:
+        raise DataError(f"There is no result in {folder}. Make some: motion-gym score ... --out {folder}")
+    return [read(path) for path in paths]
+
+
+def spec_of(domain: Domain) -> str:
+    """Spec of a domain with those parameters that differ from their defaults."""
+    card = domain.card
+    defaults = {name: p.default for name, p in inspect.signature(type(domain)).parameters.items()}
+    changed = {name: value for name, value in card.parameters.items() if defaults.get(name) != value}
+    if "alpha" in changed and changed.get("sigma") == "paper":
+        del changed["sigma"]
+    return catalog.format_spec(card.name, changed)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that a number may depend on."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def commit() -> str | None:
+    """Commit of the checkout that motion-gym runs from, with ``+`` if it was changed since; None outside of one."""
+    here = Path(__file__).resolve().parent.parent
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(
+            ["git", "-C", str(here), *arguments], capture_output=True, text=True, timeout=10, check=True
+        ).stdout.strip()
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel")).resolve() != here:
+            return None
+        changed = git("status", "--porcelain", "--", "*.py")
+        return git("rev-parse", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _identity(
+    made: Predictor, predictor: str, domain: Domain, split: str, k: int, protocol: str, seed: int
+) -> Mapping[str, Any]:
+    card = domain.card
+    return {
+        "predictor": predictor,
+        "predictor_code": _code(made),
+        "domain": catalog.format_spec(card.name, dict(card.parameters)),
+        "spec": spec_of(domain),
+        "domain_code": _code(domain),
+        "files": dict(card.files),
+        "split": split,
+        "k": k,
+        "protocol": protocol,
+        "seed": seed,
+        "motion_gym": versions()["motion-gym"],
+    }
+
+
+def _code(thing: Any) -> str:
+    """sha256 of the module that defines a class, so that a changed predictor is a new run."""
+    try:
+        source = inspect.getsource(sys.modules[type(thing).__module__])
+    except (OSError, TypeError, KeyError):
+        return "unknown"
+    return hashlib.sha256(source.encode()).hexdigest()

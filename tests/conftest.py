@@ -1,0 +1,29 @@
+"""Real data for the tests, where it lies beside the checkout, and a cache of their own."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SHARED = Path(os.environ.get("MOTION_GYM_SHARED", ROOT.parent / "shared"))
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+if "MOTION_GYM_DATA" not in os.environ and (SHARED / "data" / "eth_ucy").is_dir():
+    os.environ["MOTION_GYM_DATA"] = str(SHARED / "data")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory):
+    """Scenes are cached in a folder that goes with the test run."""
+    os.environ["MOTION_GYM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="session")
+def eth_ucy():
+    """Skip a test where ETH-UCY is not on this computer."""
+    from motion_gym import datasets
+
+    missing = [state.file for state in datasets.verify("eth_ucy") if state.state != "ok"]
+    if missing:
+        pytest.skip(f"ETH-UCY is not here ({', '.join(missing)}): motion-gym data fetch eth_ucy")
