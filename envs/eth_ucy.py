@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any, ClassVar
 
 import numpy as np
@@ -72,18 +73,20 @@ class EthUcy(RecordedDomain):
         reference_share: float = 0.0,
     ):
         self.name = self.place  # type: ignore[misc]
-        self.sigma = sigma or ("none" if alpha is None else "paper")
+        self.sigma = sigma if sigma is not None else "none" if alpha is None else "paper"
         _one_of(self.place, "sigma", self.sigma, ("none", "paper", "past"))
         _one_of(self.place, "curvature", curvature, ("norm", "squared"))
-        if alpha is not None and (isinstance(alpha, (bool, str)) or not 0 < alpha < math.inf):
+        if alpha is not None and (not _is_number(alpha) or not 0 < alpha < math.inf):
             raise SpecError(f"`alpha={alpha}` of domain `{self.place}` must be a number above 0, as in alpha=64.")
         if alpha is not None and self.sigma == "none":
             raise SpecError(f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past.")
         for key, value in (("min_agents", min_agents), ("stride", stride)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise SpecError(f"`{key}={value}` of domain `{self.place}` must be a whole number, 1 or more.")
-        if not 0 <= reference_share < 1:
-            raise SpecError(f"`reference_share={reference_share}` of domain `{self.place}` must be in [0, 1).")
+        if not _is_number(reference_share) or not 0 <= reference_share < 1:
+            raise SpecError(
+                f"`reference_share={reference_share}` of domain `{self.place}` must be a number from 0 to below 1."
+            )
         self.alpha = alpha if alpha is None or self.sigma == "none" else float(alpha)
         if self.sigma != "none" and alpha is None:
             self.alpha = 1.0
@@ -224,6 +227,10 @@ class Zara2(EthUcy):
 
 
 BY_PLACE: dict[str, type[EthUcy]] = {c.place: c for c in (Eth, Eth6, Hotel, Univ, Zara1, Zara2)}
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _one_of(place: str, key: str, value: object, allowed: tuple[str, ...]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from numbers import Real
 
 import numpy as np
 
@@ -26,7 +27,9 @@ CLEAR_OF_GOALS = 0.5
 """Metres: nobody starts nearer than this to the goal of another agent."""
 ANGLE = np.deg2rad(45)
 """Half width of the interval from which the angle between two agents is drawn, around 180 degrees."""
-TRIES, ROUNDS = 30, 100
+TRIES = 30
+TRIAL, ROOM = 200, 0.1
+"""Scenes on which it is tried whether there is room for the agents, and the share of them that must find it at once."""
 
 
 class Orca(RecordedDomain):
@@ -68,6 +71,7 @@ class Orca(RecordedDomain):
     source = "simulated by motion-gym"
     terms = "free"
     oracle = "orca_oracle"
+    headline = ("d",)
     dt = 0.4
 
     def __init__(
@@ -81,7 +85,7 @@ class Orca(RecordedDomain):
         scenes: int | None = None,
     ):
         for key, value in (("d", d), ("radius", radius), ("horizon", horizon), ("speed", speed)):
-            if isinstance(value, (bool, str)) or not 0 < value < math.inf:
+            if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < math.inf:
                 raise SpecError(f"`{key}={value}` of domain `orca` must be a number above 0.")
         for key, whole, least, most in (
             ("agents", agents, 2, 20),
@@ -139,6 +143,11 @@ class Orca(RecordedDomain):
         simulation = self.simulate(start)
         remaining = np.linalg.norm(simulation.positions[:, -1] + start, axis=-1)
         keep = (remaining > ARRIVED * self.speed).all(axis=1)
+        if not keep.any():
+            raise SpecError(
+                f"In all {starts} scenes of `{split}` an agent has come near its goal after 8 s, and such scenes are "
+                f"dropped: give a radius above {self.radius:g} m, a speed below {self.speed:g} m/s, or more scenes."
+            )
         return {
             "positions": simulation.positions[keep],
             "first_infeasible": simulation.first_infeasible[keep],
@@ -159,18 +168,19 @@ class Orca(RecordedDomain):
         )
 
     def _starts(self, rng: np.random.Generator, scenes: int) -> np.ndarray:
+        _, room = self._place(np.random.default_rng(0), TRIAL)
+        if room.mean() < ROOM:
+            raise SpecError(
+                f"There is no room on a circle of radius {self.radius:g} m for {self.agents} agents of radius "
+                f"d={self.d:g} m, who may not overlap at the start. Give a smaller d, fewer agents or a larger radius."
+            )
         start = np.empty((scenes, self.agents, 2))
         waiting = np.arange(scenes)
-        for _ in range(ROUNDS):
+        while len(waiting):
             drawn, placed = self._place(rng, len(waiting))
             start[waiting[placed]] = drawn[placed]
             waiting = waiting[~placed]
-            if not len(waiting):
-                return start
-        raise SpecError(
-            f"{self.agents} agents of radius d={self.d} overlap at the start on a circle of radius {self.radius} m: no "
-            f"room was found for them in {ROUNDS} attempts. Give a smaller d, fewer agents or a larger radius."
-        )
+        return start
 
     def _place(self, rng: np.random.Generator, scenes: int) -> tuple[np.ndarray, np.ndarray]:
         """Starts [S, N, 2], agent by agent, and in which scenes a place was found for all of them [S]."""
@@ -178,7 +188,7 @@ class Orca(RecordedDomain):
         first = rng.uniform(0, 2 * np.pi, scenes)
         placed = np.ones(scenes, bool)
         for agent in range(self.agents):
-            waiting = np.arange(scenes)
+            waiting = np.flatnonzero(placed)
             for _ in range(TRIES):
                 spread = rng.uniform(-1, 1, len(waiting)) * ANGLE * 2 / self.agents if agent else 0.0
                 angle = first[waiting] + 2 * np.pi * agent / self.agents + spread

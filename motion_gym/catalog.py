@@ -48,8 +48,9 @@ PREDICTORS = {
 def suggest(name: str, allowed: Iterable[str]) -> str:
     """Sentence for an unknown name: what was probably meant, and what is allowed."""
     allowed = sorted(allowed)
-    close = difflib.get_close_matches(name, allowed, n=1)
-    meant = f" Did you mean `{close[0]}`?" if close else ""
+    lower = {word.lower(): word for word in allowed}
+    close = difflib.get_close_matches(name.lower(), lower, n=1)
+    meant = f" Did you mean `{lower[close[0]]}`?" if close else ""
     return f"{meant} Known: {', '.join(allowed) if allowed else 'none'}."
 
 
@@ -59,7 +60,7 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
     Values are read as Python literals where they are one (``64``, ``0.5``, ``true``), else as text.
 
     Raises:
-        SpecError: a part that should be ``key=value`` is not.
+        SpecError: a part that should be ``key=value`` is not, or a key is there twice.
     """
     head, *rest = spec.split(":")
     if rest and "=" not in rest[0]:
@@ -71,13 +72,15 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
             raise SpecError(
                 f"`{part}` in `{spec}` is not a parameter. Write `name:key=value,key=value`, as in `eth:alpha=64`."
             )
+        if key.strip() in parameters:
+            raise SpecError(f"`{key.strip()}` is twice in `{spec}`: give it once.")
         parameters[key.strip()] = _value(text.strip())
     return head.strip(), parameters
 
 
 def format_spec(name: str, parameters: dict[str, Any]) -> str:
-    """Write a spec that ``parse_spec`` reads back."""
-    return name + (":" if parameters else "") + ",".join(f"{k}={v}" for k, v in parameters.items())
+    """Write a spec that ``parse_spec`` reads back, as long as no value holds a comma."""
+    return name + (":" if parameters else "") + ",".join(f"{k}={_text(v)}" for k, v in parameters.items())
 
 
 def domain(spec: str | Domain, **parameters: Any) -> Domain:
@@ -109,6 +112,8 @@ def load_class(target: str, kind: str = "object") -> type:
         SpecError: there is no such module or class.
     """
     module_name, _, class_name = target.partition(":")
+    if not all(part.isidentifier() for part in (*module_name.split("."), class_name)):
+        raise SpecError(f"`{target}` is no {kind}: write `module:Class`, as in `my_package.my_module:MyClass`.")
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
@@ -121,18 +126,25 @@ def load_class(target: str, kind: str = "object") -> type:
     if not hasattr(module, class_name):
         classes = [name for name, value in vars(module).items() if inspect.isclass(value)]
         raise SpecError(f"Module `{module_name}` has no `{class_name}`.{suggest(class_name, classes)}")
-    return getattr(module, class_name)
+    found = getattr(module, class_name)
+    if not callable(found):
+        raise SpecError(f"`{target}` is a {type(found).__name__}, not a class.")
+    return found
 
 
 def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: str, needs: tuple[str, ...]) -> Any:
-    if not isinstance(spec, str):
-        if inspect.isclass(spec):
-            spec = spec(**parameters)
-        elif parameters:
+    if not isinstance(spec, str) and not inspect.isclass(spec):
+        if parameters:
             raise SpecError(f"{spec!r} is already a {kind}: parameters {sorted(parameters)} cannot be set on it.")
         return _having(spec, needs, kind)
-    name, written = parse_spec(spec)
-    if ":" in name:
+    name, written = parse_spec(spec) if isinstance(spec, str) else (spec.__name__, {})
+    factory: Any
+    if not isinstance(spec, str):
+        factory = spec
+    elif name.partition(":")[0] in table and ":" in name:
+        name, _, rest = name.partition(":")
+        raise SpecError(f"`{rest}` in `{spec}` is not a parameter. Write `{name}:key=value`.")
+    elif ":" in name:
         factory = load_class(name, kind)
     elif name in table:
         factory = load_class(table[name].target, kind)
@@ -161,6 +173,12 @@ def _having(thing: Any, needs: tuple[str, ...], kind: str) -> Any:
         if not callable(getattr(thing, method, None)):
             raise SpecError(f"{type(thing).__name__} is not a {kind}: it has no method `{method}`.")
     return thing
+
+
+def _text(value: Any) -> str:
+    """A value as ``_value`` reads it back: text that looks like something else is quoted."""
+    plain = not isinstance(value, str) or (_value(value) == value and value == value.strip())
+    return str(value) if plain else repr(value)
 
 
 def _value(text: str) -> Any:

@@ -22,8 +22,10 @@ from motion_gym.storage import data_folder
 
 console = Console()
 
-Names = tyro.conf.Positional[list[str]]
-Name = tyro.conf.Positional[str]
+Names = Annotated[list[str], tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR [PREDICTOR ...]")]
+Thing = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="THING")]
+Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
+Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 
 DEMO = {
     "predictors": ["stand_still", "linear"],
@@ -33,12 +35,12 @@ DEMO = {
 
 def score(
     predictors: Names,
-    domain: tyro.conf.UseAppendAction[list[str]],
-    k: int | None = None,
+    domain: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="DOMAIN")],
+    k: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     protocol: str = "honest",
     split: str = "test",
     seed: int = 0,
-    out: Path | None = None,
+    out: Out = None,
 ) -> None:
     """Score predictors on domains, between constant velocity and the domain's oracle if it has one.
 
@@ -63,7 +65,7 @@ def score(
     _score(predictors, places, out, k=k, protocol=protocol, split=split, seed=seed)
 
 
-def demo(out: Path | None = None) -> None:
+def demo(out: Out = None) -> None:
     """Score the baselines on freshly simulated crowds, and on ETH-UCY where its data is here.
 
     Args:
@@ -71,30 +73,32 @@ def demo(out: Path | None = None) -> None:
     """
     wanted = [catalog.domain(spec) for spec in DEMO["domains"]]
     here = all(state.state == "ok" for state in datasets.verify("eth_ucy"))
-    places = [p for p in wanted if here or not p.card.files]
+    places = [v for p in wanted if here or not p.card.files for v in _variants(p, "honest")]
     _score(DEMO["predictors"], places, out, k=1, protocol="honest", split="test", seed=0)
     if not here:
-        console.print("ETH-UCY was left out: its data is not here. Add it with one of")
+        console.print("ETH-UCY was left out: its data is not here, or not whole. Get it with one of")
         console.print("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
         console.print("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
-    console.print("Next: write a predictor of your own (examples/own_predictor.py), and score it with")
+    console.print("Next: write a predictor of your own, as examples/own_predictor.py, and score it:")
     console.print("  motion-gym score own_predictor:Turning --domain orca:d=0.6", highlight=False)
 
 
-def table(folder: tyro.conf.Positional[Path], into: Path | None = None, name: str = "baselines") -> None:
-    """Print the tables of a folder of results as Markdown, or put them into a file.
+def table(
+    folder: Folder, into: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None, name: str = "baselines"
+) -> None:
+    """Print a folder of results as a Markdown table, or put it into a file.
 
     Args:
         folder: What `score --out` wrote.
         into: File with the lines `<!-- results: NAME -->` and `<!-- results end -->`; what is between is replaced.
         name: NAME of these lines.
     """
-    text = "\n\n".join(report.markdown(rows) for rows in report.groups(results.read_folder(folder)))
+    text = report.markdown(results.read_folder(folder))
     if into is None:
         print(text)
     else:
         changed = report.insert(into, name, text)
-        console.print(f"{into}: {'written' if changed else 'already up to date'}")
+        _say(f"{into}: {'written' if changed else 'already up to date'}")
 
 
 def ls() -> None:
@@ -110,37 +114,33 @@ def ls() -> None:
     _list("Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()])
 
 
-def check(thing: Name) -> None:
-    """Hold a predictor or a domain of yours to the contract, and look for leaks of the future.
+def check(thing: Thing) -> None:
+    """Hold a predictor or a domain to the contract; look for leaks of the future in a domain.
 
     Args:
-        thing: module:Class, a name or a spec.
+        thing: Predictor or domain: your own (module:Class), a name or a spec.
     """
     from motion_gym.checks import check_domain, check_predictor
     from motion_gym.leaks import leak_probe
 
-    name, _ = catalog.parse_spec(thing)
-    is_predictor = name in catalog.PREDICTORS or (
-        ":" in name and callable(getattr(catalog.load_class(name), "predict", None))
-    )
-    if is_predictor:
+    if _is_predictor(thing):
         check_predictor(thing)
-        console.print(f"{thing} keeps the contract of a predictor.", highlight=False)
+        _say(f"{thing} keeps the contract of a predictor.")
         return
     place = catalog.domain(thing)
     check_domain(place)
-    console.print(f"{thing} keeps the contract of a domain.", highlight=False)
+    _say(f"{thing} keeps the contract of a domain.")
     for clock in ("windows", "stream"):
         found = leak_probe(place, clock=clock)
-        console.print(str(found), highlight=False)
+        _say(str(found))
         if not found.ok:
             raise DataError(f"{thing} leaks the future; see above.")
 
 
 def data(
     action: tyro.conf.Positional[Literal["ls", "add", "fetch", "verify"]],
-    name: tyro.conf.Positional[str | None] = None,
-    source: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
+    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None,
+    source: Annotated[Path | None, tyro.conf.arg(name="from", metavar="FOLDER")] = None,
 ) -> None:
     """List, add, download or verify data sets.
 
@@ -153,14 +153,15 @@ def data(
     if action == "ls":
         for entry, states in datasets.listing():
             here = sum(state.state == "ok" for state in states)
-            console.print(f"[bold]{entry.name}[/bold]  {escape(entry.title)}: {here} of {len(states)} files here")
+            console.print(f"[bold]{entry.name}[/bold]  {here} of {len(states)} files here", highlight=False)
             for label, text in (
+                ("title", entry.title),
                 ("folder", str(data_folder() / entry.name)),
                 ("source", entry.source),
                 ("terms", entry.terms),
                 ("cite", entry.citation),
             ):
-                console.print(f"  {label + ':':8}{text}", highlight=False, soft_wrap=True, markup=False)
+                _say(f"  {label + ':':8}{text}")
         return
     if name is None:
         raise SpecError(f"Which data set? motion-gym data {action} NAME; known: {', '.join(datasets.DATASETS)}.")
@@ -181,7 +182,7 @@ def data(
             f"{len(bad)} of {len(states)} files of {name} are missing or damaged: `motion-gym data fetch {name}`, or "
             f"`motion-gym data add {name} --from DIR`."
         )
-    console.print(f"{name}: all {len(states)} files are here and whole.", highlight=False)
+    _say(f"{name}: all {len(states)} files are here and whole.")
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {
@@ -222,7 +223,8 @@ def _variants(place: Domain, protocol: str) -> list[Domain]:
 def _score(predictors: Sequence[str], places: Sequence[Domain], out: Path | None, **options: Any) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     jobs = {place: _between(predictors, place) for place in places}
-    failures = []
+    done: list[report.Result] = []
+    failures: dict[str, list[str]] = {}
     screen = Console(stderr=True)
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
         task = progress.add_task("", total=sum(map(len, jobs.values())))
@@ -233,19 +235,44 @@ def _score(predictors: Sequence[str], places: Sequence[Domain], out: Path | None
                 try:
                     rows.append(results.run(name, place, out, **options))
                 except PredictorError as error:
-                    failures.append(f"{name} on {results.spec_of(place)}: {error}")
+                    failures.setdefault(f"{name}: {error}", []).append(results.spec_of(place))
                 progress.advance(task)
-            report.print_table(console, rows)
+            if rows:
+                report.print_table(console, rows)
+            done += rows
+    if done:
+        report.print_conditions(console, done)
     if failures:
-        raise PredictorError("; ".join(failures))
+        raise PredictorError("\n".join(f"{message} (on {', '.join(on)})" for message, on in failures.items()))
     if out is not None:
-        console.print(f"Results are in {out}.", highlight=False)
+        _say(f"Results are in {out}.")
+
+
+def _is_predictor(thing: str) -> bool:
+    target, _ = catalog.parse_spec(thing)
+    name, _, own = target.partition(":")
+    known = {**catalog.PREDICTORS, **catalog.DOMAINS}
+    if name in known:
+        return name in catalog.PREDICTORS
+    if not own:
+        raise SpecError(
+            f"There is no predictor or domain `{name}`.{catalog.suggest(name, known)} Your own: `module:Class`."
+        )
+    kind = catalog.load_class(target)
+    if not any(hasattr(kind, method) for method in ("predict", "windows", "recordings")):
+        raise SpecError(f"{target} is neither a predictor (method `predict`) nor a domain (`windows`, `recordings`).")
+    return hasattr(kind, "predict")
 
 
 def _between(predictors: Sequence[str], place: Domain) -> list[str]:
     """The predictors between constant velocity and the oracle, each once."""
     oracle = [place.card.oracle] if place.card.oracle else []
     return list(dict.fromkeys([BASELINE, *predictors, *oracle]))
+
+
+def _say(text: str) -> None:
+    """Print as it is: no markup, no colours, no lines broken."""
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def _list(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, Recording, Truth
+from motion_gym.contract import FUTURE, HISTORY, DataError, Forecast, Observation, Recording, Truth
 from motion_gym.metrics import distance, mean_over_known
 from motion_gym.windows import Features, Tracks, pick_scenes, positions_only, stack
 
@@ -62,7 +62,7 @@ class Step:
 
 
 class Clock(Protocol):
-    """A clock. Agents have ids 0 .. ``size`` - 1 that never return once their agent has left."""
+    """A clock. Agents have ids 0 .. ``size`` - 1, in the order in which they enter, that never return."""
 
     size: int
 
@@ -153,15 +153,20 @@ class StreamClock:
     Args:
         recordings: Replayed one after another.
         features: Gives the history of each agent (a domain's ``history``).
+
+    Raises:
+        DataError: the recordings have different time steps.
     """
 
     def __init__(self, recordings: Sequence[Recording], features: Features = positions_only):
-        parts = [Tracks.of(recording) for recording in recordings]
+        parts = [Tracks.of(recording) for recording in recordings] or [Tracks.of(_NOBODY)]
+        if len(steps := {p.dt for p in parts}) > 1:
+            raise DataError(f"Recordings of one stream have the same step, but these have dt {sorted(steps)} seconds.")
         ticks = np.cumsum([0] + [p.ticks for p in parts])
         counts = np.cumsum([0] + [int(p.track.max(initial=-1)) + 1 for p in parts])
         shifts = np.cumsum([0] + [int(p.agent.max(initial=-1)) + 1 for p in parts])
         join = np.concatenate
-        self.dt = parts[0].dt if parts else 0.4
+        self.dt = parts[0].dt
         self.tracks = Tracks(
             join([p.tick + t for p, t in zip(parts, ticks, strict=False)]),
             join([p.track + c for p, c in zip(parts, counts, strict=False)]),
@@ -177,10 +182,11 @@ class StreamClock:
         observable = observable[np.argsort(self.tracks.tick[observable], kind="stable")]
         self._times, start = np.unique(self.tracks.tick[observable], return_index=True)
         self._rows = np.split(observable, start[1:]) if len(observable) else []
-        seen, identity = np.unique(self.tracks.track[observable], return_inverse=True)
-        self.size = len(seen)
+        # Numbered as they enter: a number that counted those yet to come would tell the future.
+        _, first, identity = np.unique(self.tracks.track[observable], return_index=True, return_inverse=True)
+        self.size = len(first)
         self._identity = np.full(len(self.tracks.tick), -1)
-        self._identity[observable] = identity
+        self._identity[observable] = np.argsort(np.argsort(first))[identity]
         self._place = np.zeros(self.size, np.int64)
         self._nothing = self._settle(np.zeros(0, np.int64), Forecast(_NOTHING))
         self.reset()
@@ -237,12 +243,12 @@ class StreamClock:
         return self._forecast, self._identity[self._row], self.tracks.tick[self._row]
 
     def latest_paths(self) -> np.ndarray:
-        """[N, 13, 2], the most recent outstanding forecasts, each from the position it started at."""
+        """[A, K, 13, 2], the most recent outstanding forecasts, each from the position it started at."""
         _, _, made = self.outstanding
         latest = made == made.max(initial=-1)
         positions = self._forecast.positions[latest]
         start = np.broadcast_to(self.tracks.xy[self._row[latest], None, None], (*positions.shape[:2], 1, 2))
-        return np.concatenate([start, positions], axis=2).reshape(-1, FUTURE + 1, 2)
+        return np.concatenate([start, positions], axis=2)
 
     def _reveal(self, reward: np.ndarray, settled: Settled) -> Step:
         rows = self._rows[self._at] if self._at < len(self._rows) else np.zeros(0, np.int64)
@@ -252,7 +258,7 @@ class StreamClock:
 
     def _settle(self, rows: np.ndarray, forecast: Forecast) -> Settled:
         made = self.tracks.tick[rows]
-        order = np.lexsort((self._identity[rows], made))
+        order = np.lexsort((rows, made))
         rows, made = rows[order], made[order]
         scene = np.concatenate([np.flatnonzero(np.diff(made, prepend=-1)), [len(made)]])
         identity = self._identity[rows]
@@ -315,6 +321,7 @@ class Ledger:
         return _take(forecast, keep), Truth(truth.future[keep], truth.known[keep], chosen)
 
 
+_NOBODY = Recording(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), 0.4)
 _NOTHING = np.zeros((0, 1, FUTURE, 2), np.float32)
 
 

@@ -31,6 +31,8 @@ class RecordedDomain:
     source: ClassVar[str] = ""
     terms: ClassVar[str] = ""
     oracle: ClassVar[str | None] = None
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Parameters that tables show even at their defaults."""
     dt: float = 0.4
     min_agents: int = 1
     stride: int = 1
@@ -115,7 +117,7 @@ class RecordedDomain:
             recordings = self.recordings(split)
             features = 2 + len(self.feature_names) + len(self.side_channel_names)
             if not recordings:
-                return empty_truth(features, self.dt)
+                return freeze(empty_truth(features, self.dt))
             return freeze(windows_of(recordings, self.history, self.min_agents, self.stride))
 
         return make

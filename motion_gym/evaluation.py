@@ -6,7 +6,7 @@ import dataclasses
 import resource
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,7 @@ PROTOCOLS: Mapping[str, str] = {
 PAPER_BATCH = 64
 """Scenes of a test batch of the released program, whose own future the ``paper`` protocol reads the style from."""
 BASELINE = "constant_velocity"
+UNSTATED = "does not say how its weights were selected (attribute `selection`)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +144,8 @@ def evaluate(
     k = default_k(protocol) if k is None else k
     if isinstance(k, bool) or not isinstance(k, int) or k < 1:
         raise SpecError(f"`k={k}` must be a whole number, 1 or more: the number of samples per agent.")
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise SpecError(f"`seed={seed}` must be a whole number, 0 or more.")
     place = catalog.domain(domain, **parameters)
     truth = place.windows(split)
     if not len(truth.future):
@@ -150,6 +153,11 @@ def evaluate(
     made = ready(predictor, place, seed)
     references = 0
     if hasattr(made, "observe") and protocol == "honest":
+        if split == "reference":
+            raise SpecError(
+                f"{name_of(made)} is shown the reference scenes, so the honest protocol does not score them: "
+                "choose another split."
+            )
         reference = place.reference()
         tell(made, reference)
         references = reference.observation.scenes
@@ -175,8 +183,8 @@ def evaluate(
         metrics=summarise(values, truth.observation),
         horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
         versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
-        notes=_notes(made, card, protocol),
-        selection=getattr(made, "selection", "not stated by the predictor"),
+        notes=_notes(made, card, protocol, references),
+        selection=getattr(made, "selection", UNSTATED),
         reference_scenes=references,
         seconds=seconds,
         peak_memory=_peak_memory(),
@@ -223,11 +231,14 @@ def _by_stepping(predictor: Predictor, domain: Domain, split: str, k: int, seed:
     )
     env = ForecastEnv(domain, split=split, samples=samples)
     observations, _ = env.reset()
+    forecasts = []
     while env.agents:
         observation = observation_from_dict(observations, domain.card.dt, env.agents)
-        forecast = ask(predictor, observation, samples, seed)
-        observations, *_ = env.step(forecast_to_dict(forecast, env.agents))
-    return env.ledger.read()
+        forecasts.append(ask(predictor, observation, samples, seed))
+        observations, *_ = env.step(forecast_to_dict(forecasts[-1], env.agents))
+    stored, truth = env.ledger.read()
+    # Actions have no weights.
+    return Forecast(stored.positions, _stacked(forecasts).weights), truth
 
 
 def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -> Forecast:
@@ -238,10 +249,18 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
             predictor.reset()
         tell(predictor, batch)
         parts.append(ask(predictor, batch.observation, k, seed))
-    return Forecast(np.concatenate([p.positions for p in parts]))
+    return _stacked(parts)
 
 
-def _notes(predictor: Any, card: Card, protocol: str) -> tuple[str, ...]:
+def _stacked(parts: Sequence[Forecast]) -> Forecast:
+    weights = [p.weights for p in parts if p.weights is not None]
+    return Forecast(
+        np.concatenate([p.positions for p in parts]),
+        np.concatenate(weights) if len(weights) == len(parts) else None,
+    )
+
+
+def _notes(predictor: Any, card: Card, protocol: str, references: int) -> tuple[str, ...]:
     notes = []
     if hasattr(predictor, "know"):
         notes.append("oracle: it is told what no forecaster can know")
@@ -249,8 +268,11 @@ def _notes(predictor: Any, card: Card, protocol: str) -> tuple[str, ...]:
         notes.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
     if hasattr(predictor, "observe") and protocol == "paper":
         notes.append("leak of the paper protocol: the style is read from the scored scenes' own future")
+    elif hasattr(predictor, "observe"):
+        notes.append(f"{name_of(predictor)} was shown {references} reference scenes, disjoint from the test split")
     least = card.parameters.get("min_agents", 1)
-    notes.append(f"scored: agents complete over all 20 steps, in windows with at least {least} of them")
+    among = f", in windows with at least {least} of them" if least > 1 else ""
+    notes.append(f"scored: agents present in all 20 steps{among}")
     return tuple(notes)
 
 

@@ -153,14 +153,19 @@ class ForecastEnv(ParallelEnv):
     def _forecast(self, actions: Mapping[str, np.ndarray]) -> Forecast:
         if not self.agents:
             raise ActionError("The episode is over, or was not begun: call reset().")
+        if not isinstance(actions, Mapping):
+            raise ActionError(f"Actions are a dict from the names in `env.agents`, not {type(actions).__name__}.")
         here = set(self.agents)
         extra = [name for name in actions if name not in here]
         if extra:
-            why = "has left" if extra[0] in self.possible_agents else "is not an agent of this environment"
+            why = "is not here now" if extra[0] in self.possible_agents else "is not an agent of this environment"
             raise ActionError(f"Action for `{extra[0]}`, which {why}. Give actions for `env.agents` only.")
         missing = [name for name in self.agents if name not in actions]
         if missing:
-            raise ActionError(f"No action for {len(missing)} agents, {missing[0]} first: every agent needs a forecast.")
+            raise ActionError(
+                f"No action for {len(missing)} of {len(here)} agents, {missing[0]} first: every agent of `env.agents` "
+                "needs a forecast."
+            )
         chosen = [actions[name] for name in self.agents]
         for name, action in zip(self.agents, chosen, strict=True):
             check_action(action, (self.samples, FUTURE, 2), f"Action of `{name}`", one_sample=True)
@@ -188,13 +193,13 @@ class ForecastEnv(ParallelEnv):
     def _show(self, settled: Settled | None) -> None:
         if not self.render_mode:
             return
-        observation, paths = self._step.observation, np.zeros((0, FUTURE + 1, 2))
+        observation, time, paths = self._step.observation, self.clock.time, None
         if isinstance(self.clock, StreamClock):
             paths = self.clock.latest_paths()
         elif settled is not None:
-            observation = settled.truth.observation
+            observation, time = settled.truth.observation, int(settled.made[0])
         truth, forecast = (None, None) if settled is None else (settled.truth, settled.forecast)
-        self._canvas.update(self.clock.time, observation, truth, forecast, paths)
+        self._canvas.update(time, observation, truth, forecast, paths)
         if self.render_mode == "human":
             self._canvas.show()
 

@@ -22,7 +22,7 @@ from motion_gym.domains import training_set
 
 
 def name_of(predictor: Any) -> str:
-    """Name of a predictor for tables and messages: its own ``name``, or its class with its public settings."""
+    """Name of a predictor for tables and messages: its own ``name``, or that of its class."""
     own = getattr(predictor, "name", None)
     return own if isinstance(own, str) else type(predictor).__name__
 
@@ -88,12 +88,16 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
             f"{FUTURE}, 2): agents, samples, future steps, x and y.{hint}"
         )
     if positions.shape[1] not in (1, samples):
+        allowed = f"{samples}, or 1 if the predictor is deterministic" if samples > 1 else "1"
         raise PredictorError(
-            f"{name}.predict returned {positions.shape[1]} samples and {samples} were asked for: return {samples}, or "
-            "1 if the predictor is deterministic."
+            f"{name}.predict returned {positions.shape[1]} samples and {samples} were asked for: return {allowed}."
         )
     if positions.dtype.kind != "f":
         raise PredictorError(f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres.")
+    # A copy, since a predictor that keeps its array could change a stored forecast later; cast first, since what is
+    # finite in float64 may not be in float32.
+    with np.errstate(over="ignore"):
+        positions = np.array(positions, np.float32)
     finite = np.isfinite(positions).all(axis=(1, 2, 3))
     if not finite.all():
         bad = int(np.flatnonzero(~finite)[0])
@@ -103,13 +107,18 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
         )
     weights = forecast.weights
     if weights is not None:
-        weights = np.asarray(weights)
+        try:
+            weights = np.array(weights, np.float32)
+        except (TypeError, ValueError):
+            raise PredictorError(
+                f"{name}.predict returned weights that are no numbers: return float32 {positions.shape[:2]} or None."
+            ) from None
         if weights.shape != positions.shape[:2] or not np.isfinite(weights).all() or (weights < 0).any():
             raise PredictorError(
                 f"{name}.predict returned weights of shape {weights.shape}: expected {positions.shape[:2]}, finite and "
                 "not negative, or None."
             )
-    return Forecast(positions.astype(np.float32, copy=False), weights)
+    return Forecast(positions, weights)
 
 
 def frozen(observation: Observation) -> Observation:
@@ -134,9 +143,8 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
             remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
         elif isinstance(error, TypeError) and "argument" in str(error):
             remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
-        raise PredictorError(
-            f"{name_of(predictor)}.{method} raised {type(error).__name__}: {error}.{remedy}"
-        ) from error
+        said = f": {str(error).rstrip('.')}" if str(error) else ""
+        raise PredictorError(f"{name_of(predictor)}.{method} raised {type(error).__name__}{said}.{remedy}") from error
 
 
 def _locked(array: np.ndarray) -> np.ndarray:

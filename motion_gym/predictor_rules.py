@@ -6,6 +6,7 @@ import copy
 import inspect
 import pickle
 import tempfile
+import warnings
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
@@ -99,7 +100,8 @@ def apply_predictor_rules(predictor: Any, domain: Any, report: Report, broken: C
         return  # nothing can be compared
     if "randomness" not in broken:
         _seeds(subject)
-    _scenes(subject)
+    if "input" not in broken:
+        _scenes(subject)
     _observing(subject)
     _saving(subject, known)
     _copies(subject)
@@ -143,7 +145,7 @@ def _attributes(predictor: Any, report: Report) -> None:
     for attribute, kind in (("fitted", bool), ("name", str), ("selection", str)):
         value = getattr(predictor, attribute, None)
         if value is not None and not isinstance(value, kind):
-            report("attributes", f"{attribute} is {value!r}, a {type(value).__name__}: make it a {kind.__name__}.")
+            report("attributes", f"{attribute} is {value!r}: make it of type {kind.__name__}.")
 
 
 def _unfitted(subject: Subject) -> None:
@@ -163,6 +165,7 @@ def _unfitted(subject: Subject) -> None:
 def _ready(fresh: Callable[[], Any], trials: list[Trial], trainable: bool, report: Report) -> Subject | None:
     """The predictor, fitted if it can be, with the first scenes that it does not refuse."""
     first: tuple[str, str] | None = None
+    crashed = False
     for trial in trials:
         stage = "predict"
         try:
@@ -175,12 +178,15 @@ def _ready(fresh: Callable[[], Any], trials: list[Trial], trainable: bool, repor
             return subject
         except MotionGymError as error:
             first = first or (stage, str(error))
-            if error.__cause__ is not None:
-                break  # a crash, not a refusal
+            crashed = error.__cause__ is not None
+            if crashed:
+                break  # another kind of scenes is for those that refuse these
     assert first is not None
     scenes = "synthetic scenes of 1, 2 and 5 agents" if trials[0].synthetic else "the windows of the domain"
-    hint = " If it is made for particular scenes, give a domain that has them." if trials[0].synthetic else ""
-    report(first[0], f"{first[0]} failed on {scenes}: {first[1]}{hint}")
+    hint = (
+        "" if crashed or not trials[0].synthetic else " If it is made for particular ones, give a domain that has them."
+    )
+    report(first[0], f"{first[0]} failed on {scenes}: {first[1].rstrip('.')}.{hint}")
     return None
 
 
@@ -195,10 +201,11 @@ def _purity(subject: Subject) -> None:
     kept = Forecast(first.positions.copy(), first.weights)
     again = subject.ask()
     subject.ask(subject.trial.other.observation, seed=4)
+    spoilt = not np.array_equal(first.positions, kept.positions)
     _ask_nobody(subject)
     later = subject.ask()
     touched = ", ".join(changed(before, snapshot(subject.predictor))[:3])
-    if not np.array_equal(first.positions, kept.positions):
+    if spoilt:
         subject.report("buffer", "predict wrote into an array that it had returned before: return a new one each time.")
         return
     for answer, when in ((again, "asked twice"), (later, "asked again after a forecast of other scenes")):
@@ -218,7 +225,8 @@ def _ask_nobody(subject: Subject) -> None:
     """No agents: may be refused, as the harness never asks, but must do no harm."""
     nobody = pick_scenes(subject.trial.truth, slice(0, 0)).observation
     try:
-        with global_randomness():
+        with global_randomness(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             subject.predictor.predict(nobody)
     except Exception:
         return
@@ -227,9 +235,7 @@ def _ask_nobody(subject: Subject) -> None:
 def _seeds(subject: Subject) -> None:
     """Samples that differ must come from the seed."""
     first, other = subject.ask(), subject.ask(seed=5)
-    if first is None or first.weights is not None or (first.positions == first.positions[:, :1]).all():
-        return
-    if _equal(first, other):
+    if _drawn(first) and _equal(first, other):
         subject.report(
             "seed",
             "samples differ, but seeds 3 and 5 give the same ones: draw from numpy.random.default_rng(seed), or, if "
@@ -241,7 +247,7 @@ def _scenes(subject: Subject) -> None:
     """What other scenes hold, or whether they are there, must not matter."""
     trial, here = subject.trial, subject.trial.truth.observation
     whole = subject.ask()
-    deterministic = _equal(whole, subject.ask(seed=5))
+    deterministic = not _drawn(whole) and _equal(whole, subject.ask(seed=5))
     remedy = "normalise, pool and attend within each scene (observation.scene, observation.scene_index)."
     limit = TOLERANCE + 4 * np.finfo(np.float32).eps * np.abs(here.xy).max(axis=(1, 2))
     for parity in (0, 1) if trial.synthetic else ():
@@ -300,8 +306,8 @@ def _refit(subject: Subject, fresh: Callable[[], Any]) -> None:
         if not _equal(first, answer):
             subject.report(
                 "fit",
-                f"{who}, fitted to the same data with the same seed, forecasts {_gap(first, answer)} away: begin anew in "
-                "fit, and draw from its seed alone.",
+                f"{who}, fitted to the same data with the same seed, forecasts {_gap(first, answer)} away: begin "
+                "anew in fit, and draw from its seed alone.",
             )
             return
 
@@ -368,6 +374,11 @@ def _equal(a: Forecast | None, b: Forecast | None) -> bool:
         return True
     weights = a.weights is b.weights if a.weights is None or b.weights is None else np.array_equal(a.weights, b.weights)
     return weights and np.array_equal(a.positions, b.positions)
+
+
+def _drawn(a: Forecast | None) -> bool:
+    """Whether samples differ and are not modes with weights."""
+    return a is not None and a.weights is None and not (a.positions == a.positions[:, :1]).all()
 
 
 def _distance(a: Forecast | None, b: Forecast | None) -> np.ndarray:

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 
 MODES = ("rgb_array", "human")
 WINDOWLESS = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
+SIZE = (7.2, 5.4)
+"""Inches; 100 pixels each."""
+LABELLED = 12
+"""More agents than this are not labelled."""
 HISTORY_COLOR, TRUTH_COLOR, FORECAST_COLOR = "#2b6cb0", "#2f855a", "#dd6b20"
 
 
@@ -50,7 +54,7 @@ class Canvas:
         self.observation: Observation | None = None
         self.forecast: Forecast | None = None
         self.truth: Truth | None = None
-        self.paths = np.zeros((0, FUTURE + 1, 2))
+        self.paths: np.ndarray | None = None
         self._figure: Figure | None = None
 
     def update(
@@ -59,7 +63,7 @@ class Canvas:
         observation: Observation,
         truth: Truth | None,
         forecast: Forecast | None,
-        paths: np.ndarray,
+        paths: np.ndarray | None = None,
     ) -> None:
         """Remember what to draw.
 
@@ -68,7 +72,7 @@ class Canvas:
             observation: Who is shown with a history.
             truth: Of the forecasts just settled, if any.
             forecast: The forecasts just settled, if any.
-            paths: [N, 13, 2], further forecasts, not settled yet, each from where it started.
+            paths: [A, K, 13, 2], further forecasts, not settled yet, each from where it started.
         """
         self.time, self.observation, self.truth, self.forecast = time, observation, truth, forecast
         self.paths = paths
@@ -89,7 +93,7 @@ class Canvas:
         from matplotlib.figure import Figure
 
         if self._figure is None:
-            self._figure = Figure(figsize=(7.2, 5.4), dpi=100)
+            self._figure = Figure(figsize=SIZE, dpi=100)
             FigureCanvasAgg(self._figure)
         self._draw(self._figure)
         canvas: Any = self._figure.canvas
@@ -101,7 +105,7 @@ class Canvas:
         import matplotlib.pyplot as plt
 
         if self._figure is None:
-            self._figure = plt.figure(figsize=(7.2, 5.4))
+            self._figure = plt.figure(figsize=SIZE)
         self._draw(self._figure)
         if plt.get_backend().lower() not in WINDOWLESS:
             plt.pause(1 / self.fps)
@@ -114,8 +118,12 @@ class Canvas:
             plt.close(self._figure)
         self._figure = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_figure": None}
+
     def _draw(self, figure: Figure) -> None:
         from matplotlib.lines import Line2D
+        from matplotlib.patheffects import withStroke
 
         figure.clear()
         axes = figure.add_axes((0.09, 0.1, 0.88, 0.8))
@@ -130,38 +138,41 @@ class Canvas:
         axes.set_ylabel(f"y [{self.unit}]")
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
-        axes.plot(*self.paths.transpose(2, 1, 0), color=FORECAST_COLOR, alpha=0.5, linewidth=1.5)
-        if self.truth is not None and self.forecast is not None and len(self.truth.future):
+        if self.paths is not None:
+            _fan(axes, self.paths)
+        if self.truth is not None and self.forecast is not None:
             self._settled(axes, self.truth, self.forecast)
-        if self.observation is not None and len(self.observation):
+        now = 0 if self.observation is None else len(self.observation)
+        if self.observation is not None and now:
             xy = self.observation.xy
             axes.plot(*xy.transpose(2, 1, 0), color=HISTORY_COLOR, linewidth=1.8, solid_capstyle="round")
             axes.plot(*xy[:, -1].T, "o", color=HISTORY_COLOR, markersize=5)
-            if len(xy) <= 12:
-                for number, (x, y) in zip(self.observation.agent, xy[:, -1], strict=True):
-                    axes.annotate(str(number), (x, y), (5, 4), textcoords="offset points", fontsize=8, color="#4a5568")
-        now = 0 if self.observation is None else len(self.observation)
-        axes.set_title(f"{self.title}   step {self.time}, {now} agents", fontsize=11, loc="left")
+            label: Any = dict(textcoords="offset points", fontsize=8, color="#4a5568")
+            label["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
+            for number, place in zip(self.observation.agent, xy[:, -1], strict=True) if now <= LABELLED else ():
+                axes.annotate(str(number), place, (5, 4), **label)
+        # Above the axes, where they cover nothing.
+        figure.text(0.03, 0.955, f"{self.title}, step {self.time}, {now} agent{'' if now == 1 else 's'}", fontsize=11)
         handles = [
             Line2D([], [], color=HISTORY_COLOR, linewidth=1.8, label="history"),
-            Line2D([], [], color=TRUTH_COLOR, linestyle=":", linewidth=1.8, label="truth"),
+            Line2D([], [], color=TRUTH_COLOR, linestyle=":", linewidth=2.0, label="truth"),
             Line2D([], [], color=FORECAST_COLOR, alpha=0.6, linewidth=1.5, label="forecast"),
         ]
-        axes.legend(handles=handles, loc="upper right", fontsize=8, framealpha=0.9, edgecolor="#e2e8f0")
+        figure.legend(handles=handles, loc="upper right", ncols=3, fontsize=9, frameon=False)
 
     def _settled(self, axes: Any, truth: Truth, forecast: Forecast) -> None:
+        """Forecasts with what came of them."""
         last = truth.observation.xy[:, -1]
         samples = forecast.positions.shape[1]
         start = np.broadcast_to(last[:, None, None], (len(last), samples, 1, 2))
-        paths = np.concatenate([start, forecast.positions], axis=2).reshape(-1, FUTURE + 1, 2)
-        axes.plot(*paths.transpose(2, 1, 0), color=FORECAST_COLOR, alpha=_alpha(samples), linewidth=1.5)
-        axes.plot(*truth.observation.xy.transpose(2, 1, 0), color=HISTORY_COLOR, linewidth=1.8, alpha=0.9)
-        axes.plot(*last.T, "o", color=HISTORY_COLOR, markersize=5)
+        _fan(axes, np.concatenate([start, forecast.positions], axis=2))
         for origin, future, known in zip(last, truth.future, truth.known, strict=True):
             path = np.concatenate([origin[None], future[known]])
             axes.plot(*path.T, ":", color=TRUTH_COLOR, linewidth=2.0)
             axes.plot(*path[-1:].T, "s", color=TRUTH_COLOR, markersize=3.5)
 
 
-def _alpha(samples: int) -> float:
-    return max(0.12, 0.6 / np.sqrt(max(samples, 1)))
+def _fan(axes: Any, paths: np.ndarray) -> None:
+    """All samples [A, K, 13, 2], the fainter the more there are."""
+    alpha = max(0.12, 0.6 / np.sqrt(max(paths.shape[1], 1)))
+    axes.plot(*paths.reshape(-1, FUTURE + 1, 2).transpose(2, 1, 0), color=FORECAST_COLOR, alpha=alpha, linewidth=1.5)

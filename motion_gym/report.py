@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,7 @@ BEGIN, END = "<!-- results: {name} -->", "<!-- results end -->"
 
 def groups(results: Iterable[Result]) -> list[list[Result]]:
     """Results that may stand in one table: the same domain, split, protocol and k."""
-    found: dict[tuple[Any, ...], list[Result]] = {}
-    for result in results:
-        identity = result["identity"]
-        key = (identity["domain"], result["split"], result["protocol"], result["k"])
-        found.setdefault(key, []).append(result)
-    return list(found.values())
+    return _by(results, lambda r: (r["identity"]["domain"], *_options(r)))
 
 
 def header(k: int) -> list[str]:
@@ -42,8 +37,7 @@ def row(result: Result, between: str = " ") -> list[str]:
     """The cells of one result; ``between`` stands between a mean and its interval."""
     metrics, k = result["metrics"], result["k"]
     difference = result["versus_baseline"]["ADE"]
-    name = result["predictor"] + (" (oracle)" if any(n.startswith("oracle:") for n in result["notes"]) else "")
-    cells = [name, _interval(metrics["ADE"], between), _interval(metrics["FDE"], between)]
+    cells = [label(result), _interval(metrics["ADE"], between), _interval(metrics["FDE"], between)]
     cells.append("-" if result["predictor"] == "constant_velocity" else _interval(difference, between, sign=True))
     if k > 1:
         for a, b in ((f"minADE_{k}", f"minFDE_{k}"), (f"JADE_{k}", f"JFDE_{k}")):
@@ -51,20 +45,37 @@ def row(result: Result, between: str = " ") -> list[str]:
     return cells
 
 
-def caption(rows: Sequence[Result]) -> list[str]:
-    """What a reader must know about a table: counts, protocol, k, leaks, and how weights were selected."""
-    first = rows[0]
-    ade = first["metrics"]["ADE"]
+def label(result: Result) -> str:
+    """Predictor, with its seed if that is not 0, and marked if it is an oracle."""
+    seed = f", seed {result['seed']}" if result["seed"] else ""
+    oracle = " (oracle)" if any(note.startswith("oracle:") for note in result["notes"]) else ""
+    return f"{result['predictor']}{seed}{oracle}"
+
+
+def counts(result: Result) -> str:
+    """What stands behind a score."""
+    ade = result["metrics"]["ADE"]
+    return f"{ade['agent_windows']} agent-windows of {ade['agents']} agents in {ade['scenes']} scenes"
+
+
+def warnings(rows: Sequence[Result]) -> list[str]:
+    """What must stand right under a table: side channels and leaks."""
+    found = dict.fromkeys(note for result in rows for note in result["notes"])
+    return [note for note in found if not note.startswith(("oracle:", "scored:"))]
+
+
+def conditions(results: Sequence[Result]) -> list[str]:
+    """What is true of all tables together: protocol, k, aggregation, who was scored, how weights were selected."""
+    first = results[0]
     lines = [
-        f"{ade['agent_windows']} agent-windows of {ade['agents']} agents in {ade['scenes']} scenes "
-        f"({first['split']} split); metres; k = {first['k']}; protocol {first['protocol']}; intervals resample agents"
+        f"{first['split']} split, protocol {first['protocol']}, k = {first['k']}; means over agent-windows in metres; "
+        "95 % intervals by bootstrap of whole agents; differences are paired, negative is better",
     ]
-    lines += [n for n in dict.fromkeys(n for r in rows for n in r["notes"]) if not n.startswith("oracle:")]
-    selected: dict[str, list[str]] = {}
-    for result in rows:
-        selected.setdefault(result["selection"], []).append(result["predictor"])
-    lines += [f"{', '.join(names)}: {how}" for how, names in selected.items()]
-    return lines
+    lines += dict.fromkeys(note for result in results for note in result["notes"] if note.startswith("scored:"))
+    selected: dict[str, dict[str, None]] = {}
+    for result in results:
+        selected.setdefault(result["selection"], {})[result["predictor"]] = None
+    return lines + [f"{', '.join(names)}: {how}" for how, names in selected.items()]
 
 
 def title(result: Result) -> str:
@@ -74,25 +85,47 @@ def title(result: Result) -> str:
 
 def print_table(console: Console, rows: Sequence[Result]) -> None:
     """Print one group of results."""
-    table = Table(
-        title=f"[bold]{escape(title(rows[0]))}", title_justify="left", header_style="bold", box=box.SIMPLE_HEAD
-    )
-    for number, name in enumerate(header(rows[0]["k"])):
-        table.add_column(escape(name), justify="left" if number == 0 else "right", overflow="fold")
-    for result in rows:
-        table.add_row(*(escape(cell) for cell in row(result, " " if console.width >= WIDE else "\n")))
-    console.print(table)
-    for line in caption(rows):
+    console.print(f"[bold]{escape(title(rows[0]))}", highlight=False)
+    names, between = header(rows[0]["k"]), " " if console.width >= WIDE else "\n"
+    # What needs several samples is a table of its own: one with all columns fits no terminal.
+    for part in (names[:4], names[:1] + names[4:]):
+        table = Table(header_style="bold", box=box.SIMPLE_HEAD)
+        for number, name in enumerate(part):
+            table.add_column(escape(name), justify="left" if number == 0 else "right", overflow="fold")
+        for result in rows:
+            cells = dict(zip(names, row(result, between), strict=True))
+            table.add_row(*(escape(cells[name]) for name in part))
+        if len(part) > 1:
+            console.print(table)
+    for line in [counts(rows[0]), *warnings(rows)]:
         console.print(Padding(escape(line), (0, 0, 0, 2)), style="dim", highlight=False)
     console.print()
 
 
-def markdown(rows: Sequence[Result]) -> str:
-    """One group of results as Markdown."""
-    head = header(rows[0]["k"])
-    lines = [f"**{title(rows[0])}**", "", f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
-    lines += [f"| {' | '.join(row(result))} |" for result in rows]
-    return "\n".join([*lines, "", "; ".join(caption(rows)[:1]) + "."])
+def print_conditions(console: Console, results: Sequence[Result]) -> None:
+    """Print what is true of all tables."""
+    for line in conditions(results):
+        console.print(escape(line), style="dim", highlight=False)
+
+
+def markdown(results: Sequence[Result]) -> str:
+    """Results as Markdown: a row for each domain, a column for each predictor; a table per split, protocol and k."""
+    return "\n\n".join(_markdown_table(part) for part in _by(results, _options))
+
+
+def _markdown_table(results: Sequence[Result]) -> str:
+    tables = groups(results)
+    names = list(dict.fromkeys(label(result) for rows in tables for result in rows))
+    lines = [f"| domain | {' | '.join(names)} | scored |", f"|---|{'---|' * len(names)}---|"]
+    for rows in tables:
+        by_name = {label(result): result for result in rows}
+        cells = [_cell(by_name[name]) if name in by_name else "" for name in names]
+        notes = "".join(f"; {note}" for note in warnings(rows))
+        lines.append(f"| `{title(rows[0])}` | {' | '.join(cells)} | {counts(rows[0])}{notes} |")
+    k = results[0]["k"]
+    best = f", then minADE_{k} / minFDE_{k} and JADE_{k} / JFDE_{k}" if k > 1 else ""
+    ends = [f"- {line}." for line in [f"Cells are ADE [95 %] / FDE{best}", *conditions(results)]]
+    return "\n".join([*lines, "", *ends])
 
 
 def insert(path: Path, name: str, text: str) -> bool:
@@ -102,17 +135,36 @@ def insert(path: Path, name: str, text: str) -> bool:
         Whether the file changed.
 
     Raises:
-        DataError: the file has no such markers.
+        DataError: the file has no such markers, or cannot be read.
     """
     begin = BEGIN.format(name=name)
-    old = path.read_text()
-    pattern = re.compile(re.escape(begin) + r"\n.*?" + re.escape(END), re.DOTALL)
+    try:
+        old = path.read_text()
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} cannot be read: {error}. Name a text file to put the table into.") from None
+    pattern = re.compile(re.escape(begin) + r"\n(?:(?!<!-- results: ).)*?" + re.escape(END), re.DOTALL)
     if not pattern.search(old):
         raise DataError(f"{path} has no lines `{begin}` and `{END}` to put the table between: add them.")
     new = pattern.sub(lambda _: f"{begin}\n{text}\n{END}", old, count=1)
     if new != old:
         write_atomic(path, new.encode())
     return new != old
+
+
+def _cell(result: Result) -> str:
+    _, ade, _, _, *best = row(result)
+    return ", ".join([f"{ade} / {_number(result['metrics']['FDE']['mean'])}", *best])
+
+
+def _options(result: Result) -> tuple[Any, ...]:
+    return result["split"], result["protocol"], result["k"]
+
+
+def _by(results: Iterable[Result], key: Callable[[Result], Any]) -> list[list[Result]]:
+    found: dict[Any, list[Result]] = {}
+    for result in results:
+        found.setdefault(key(result), []).append(result)
+    return list(found.values())
 
 
 def _interval(value: Mapping[str, Any], between: str, sign: bool = False) -> str:

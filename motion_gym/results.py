@@ -17,6 +17,7 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.contract import DataError, Domain, Predictor
+from motion_gym.domains import RecordedDomain
 from motion_gym.evaluation import default_k, evaluate
 from motion_gym.storage import write_atomic
 
@@ -81,7 +82,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def read_folder(folder: Path) -> list[dict[str, Any]]:
-    """All results of a folder, by file name.
+    """Results of a folder, by file name; of runs that differ only in code, data or version, the one made last.
 
     Raises:
         DataError: there is none, or one cannot be read.
@@ -89,16 +90,25 @@ def read_folder(folder: Path) -> list[dict[str, Any]]:
     paths = sorted(folder.glob("*.json"))
     if not paths:
         raise DataError(f"There is no result in {folder}. Make some: motion-gym score ... --out {folder}")
-    return [read(path) for path in paths]
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for result in map(read, paths):
+        key = tuple(result["identity"][name] for name in ("predictor", "domain", "split", "protocol", "k", "seed"))
+        if key not in found or found[key]["finished"] <= result["finished"]:
+            found[key] = result
+    return list(found.values())
 
 
 def spec_of(domain: Domain) -> str:
-    """Spec of a domain with those parameters that differ from their defaults."""
+    """Shortest spec of a domain: without parameters at their defaults, except those its class calls ``headline``."""
     card = domain.card
     defaults = {name: p.default for name, p in inspect.signature(type(domain)).parameters.items()}
-    changed = {name: value for name, value in card.parameters.items() if defaults.get(name) != value}
-    if "alpha" in changed and changed.get("sigma") == "paper":
-        del changed["sigma"]
+    shown = getattr(type(domain), "headline", ())
+    changed = {k: v for k, v in card.parameters.items() if k in shown or defaults.get(k) != v}
+    if isinstance(domain, RecordedDomain):
+        for key in [k for k in changed if k not in shown]:
+            fewer = {k: v for k, v in changed.items() if k != key}
+            if type(domain)(**fewer).parameters == domain.parameters:
+                changed = fewer
     return catalog.format_spec(card.name, changed)
 
 

@@ -78,11 +78,16 @@ class Padded:
             ActionError: a forecast of an agent whose mask is 1 is not finite.
         """
         mask, future, known = self.mask[windows], self.future[windows], self.known[windows]
-        if not np.isfinite(actions.sum()) and not np.isfinite(actions[mask]).all():
-            raise ActionError(
-                "The action has NaN or infinite positions for agents whose mask is 1: all must be finite."
-            )
-        error = distance(actions[:, :, 0].astype(np.float64) - future)
+        with np.errstate(invalid="ignore", over="ignore"):  # Where the mask is 0 there may be anything.
+            finite = np.isfinite(actions.sum())
+            error = distance(actions[:, :, 0].astype(np.float64) - future)
+        if not finite:
+            bad = np.argwhere(mask & ~np.isfinite(actions).all(axis=(2, 3, 4)))
+            if len(bad):
+                raise ActionError(
+                    f"The action has NaN or infinite positions in row {bad[0, 1]} of window {windows[bad[0, 0]]}; "
+                    "where the mask is 1, every position must be finite."
+                )
         ade = np.where(mask, mean_over_known(error, known), 0.0)
         reward = -ade.sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
         return reward, {"future": future, "known": known, "ade": ade}
@@ -139,6 +144,7 @@ class WindowEnv(gymnasium.Env):
         self.action_space = self.padded.action_space
         self.render_mode = render_mode
         self.window = -1
+        self.forecast: Forecast | None = None  # Of the last window, as it arrived here through any wrappers.
         card = self.domain.card
         extent = WindowsClock(self.padded.truth).extent
         self._canvas = Canvas(card.name, extent, card.unit, self.metadata["render_fps"])
@@ -146,9 +152,9 @@ class WindowEnv(gymnasium.Env):
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict[str, np.ndarray], dict]:
         """Go to the first window. The data is what it is: seed and options change nothing."""
         super().reset(seed=seed)
-        self.window = 0
-        self._show(0, None)
-        return self._observe(), {"window": 0}
+        self.window, self.forecast = 0, None
+        self._show(0)
+        return self._observe(), {}
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Score the forecasts of this window, and go to the next.
@@ -163,7 +169,8 @@ class WindowEnv(gymnasium.Env):
         check_action(action, self.action_space.shape or (), "The action")
         reward, revealed = self.padded.score(np.array([self.window]), action[None])
         info = {key: value[0] for key, value in revealed.items()} | {"window": self.window}
-        self._show(self.window, action)
+        self.forecast = Forecast(action[: self.padded.sizes[self.window]].copy())
+        self._show(self.window)
         self.window += 1
         return self._observe(), float(reward[0]), self.window > last, False, info
 
@@ -179,14 +186,11 @@ class WindowEnv(gymnasium.Env):
         at = min(self.window, len(self.padded.sizes) - 1)
         return {key: value[0] for key, value in self.padded.observe(np.array([at])).items()}
 
-    def _show(self, window: int, action: np.ndarray | None) -> None:
+    def _show(self, window: int) -> None:
         if not self.render_mode:
             return
         truth = pick_scenes(self.padded.truth, slice(window, window + 1))
-        forecast = None if action is None else Forecast(action[: self.padded.sizes[window]])
-        self._canvas.update(
-            window, truth.observation, None if action is None else truth, forecast, np.zeros((0, 13, 2))
-        )
+        self._canvas.update(window, truth.observation, None if self.forecast is None else truth, self.forecast)
         if self.render_mode == "human":
             self._canvas.show()
 

@@ -52,7 +52,7 @@ def synthetic_trial(features: int = 2, pairs: bool = False) -> Trial:
         train, validation = ([synthetic(sizes * 6, features, seed + e) for e in (0, 1)] for seed in (10, 20))
         return train, validation
 
-    return Trial(*(synthetic(sizes, features, seed, FAR) for seed in (1, 2)), training)  # type: ignore[misc]
+    return Trial(synthetic(sizes, features, 1, FAR), synthetic(sizes, features, 2, -FAR), training)
 
 
 def synthetic(sizes: Sequence[int], features: int, seed: int, far: float = 0.0) -> Truth:
@@ -111,12 +111,13 @@ def partly_known(truth: Truth) -> Truth:
 
 def writable(given: Given) -> Given:
     """A copy that a predictor could write to."""
-    arrays = {f.name: getattr(given, f.name) for f in dataclasses.fields(given)}
-    copies = {
-        name: writable(value) if isinstance(value, Observation) else np.array(value)
-        for name, value in arrays.items()
-        if name != "dt"
-    }
+    copies: dict[str, Any] = {}
+    for field in dataclasses.fields(given):
+        value = getattr(given, field.name)
+        if isinstance(value, Observation):
+            copies[field.name] = writable(value)
+        elif isinstance(value, np.ndarray):
+            copies[field.name] = np.array(value)
     return dataclasses.replace(given, **copies)
 
 

@@ -71,8 +71,7 @@ class ScoreWindows(gymnasium.Wrapper):
     def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step, and keep the forecasts of this window."""
         outcome = super().step(action)
-        size = self.unwrapped.padded.sizes[outcome[4]["window"]]  # type: ignore[attr-defined]
-        self._forecasts.append(action[:size].copy())
+        self._forecasts.append(self.unwrapped.forecast.positions)  # type: ignore[attr-defined]
         return outcome
 
     def score(self) -> dict[str, Summary]:

@@ -25,7 +25,7 @@ class OrcaOracle:
     at speed 1; where that is not so (many agents), the start is corrected until the simulation meets p.
     """
 
-    selection = "oracle: no weights, knows the parameters of the simulation"
+    selection = "no weights; knows every parameter of the simulation"
 
     def __init__(self) -> None:
         self._domain: Any = None

@@ -1,0 +1,210 @@
+"""Names, specs and objects: what becomes an instance, and what is said to whom misspelt one."""
+
+import keyword
+import math
+import sys
+
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from motion_gym import catalog
+from motion_gym.contract import SpecError
+
+fast = settings(max_examples=100, deadline=None)
+names = st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True)
+values = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.text(st.characters(codec="ascii", exclude_characters=",", exclude_categories=["Cc"]), max_size=8),
+)
+
+
+class Needs:
+    """A domain and predictor with a required and a positional argument."""
+
+    def __init__(self, a, b=2):
+        self.a, self.b = a, b
+
+    def windows(self, split):
+        raise NotImplementedError
+
+    def predict(self, observation, samples=1, seed=0):
+        raise NotImplementedError
+
+
+class Open:
+    """Takes whatever it is given."""
+
+    def __init__(self, **anything):
+        self.anything = anything
+
+    predict = Needs.predict
+
+
+class Broken:
+    def __init__(self):
+        raise TypeError("a fault of its own")
+
+    predict = Needs.predict
+
+
+class Nothing:
+    pass
+
+
+HERE = "motion_gym_test_catalog"
+not_a_class = 3
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch):
+    monkeypatch.setitem(sys.modules, HERE, sys.modules[__name__])
+
+
+@fast
+@example("eth", {"k": "64"})
+@example("eth", {"k": "true", "j": " padded ", "i": ""})
+@example("m:C", {"k": "a:b=c", "j": "'quoted'"})
+@given(st.one_of(names, st.builds("{}:{}".format, names, names)), st.dictionaries(names, values, max_size=3))
+def test_a_spec_is_read_back_as_it_was_written(name, parameters):
+    assume(not any(keyword.iskeyword(key) for key in parameters))
+    read = catalog.parse_spec(catalog.format_spec(name, parameters))
+    assert read == (name, parameters)
+    assert [type(v) for v in read[1].values()] == [type(v) for v in parameters.values()]
+
+
+@pytest.mark.parametrize(
+    ("spec", "expected"),
+    [
+        ("eth", ("eth", {})),
+        (" eth : alpha = 64 ", ("eth", {"alpha": 64})),
+        ("orca:d=0.6,agents=4", ("orca", {"d": 0.6, "agents": 4})),
+        ("linear:sigma=True", ("linear", {"sigma": True})),
+        ("linear:sigma=false", ("linear", {"sigma": False})),
+        ("eth:sigma=past,alpha=None", ("eth", {"sigma": "past", "alpha": None})),
+        ("a.b:C:path=/tmp/x:y", ("a.b:C", {"path": "/tmp/x:y"})),
+        ("eth:alpha=1e1,", ("eth", {"alpha": 10.0})),
+    ],
+)
+def test_parse(spec, expected):
+    assert catalog.parse_spec(spec) == expected
+
+
+@pytest.mark.parametrize("spec", ["eth:alpha=8,sigma", "eth:al pha=8", "m:C:x", "eth:=3", "eth:reference-share=.1"])
+def test_what_is_no_parameter_is_quoted(spec):
+    with pytest.raises(SpecError, match=r"is not a parameter. Write `name:key=value"):
+        catalog.parse_spec(spec)
+
+
+def test_a_parameter_given_twice_is_refused():
+    with pytest.raises(SpecError, match="`alpha` is twice in `eth:alpha=8,alpha=64`"):
+        catalog.parse_spec("eth:alpha=8,alpha=64")
+
+
+@pytest.mark.parametrize(("spec", "rest"), [("orca:0.6", "0.6"), ("orca:d", "d"), ("orca:", "")])
+def test_a_value_without_a_key(spec, rest):
+    with pytest.raises(SpecError, match=f"`{rest}` in `{spec}` is not a parameter. Write `orca:key=value`"):
+        catalog.domain(spec)
+
+
+@pytest.mark.parametrize(("wrong", "meant"), [("ETH", "eth"), ("hotl", "hotel"), ("Zara_1", "zara1"), ("orka", "orca")])
+def test_did_you_mean(wrong, meant):
+    with pytest.raises(SpecError, match=f"There is no domain `{wrong}`. Did you mean `{meant}.*Known: .*module:Class"):
+        catalog.domain(wrong)
+
+
+def test_nothing_close_lists_what_is_known():
+    with pytest.raises(SpecError) as error:
+        catalog.predictor("xyzzy")
+    assert "Did you mean" not in str(error.value)
+    assert all(name in str(error.value) for name in catalog.PREDICTORS)
+
+
+def test_suggest_without_anything_allowed():
+    assert catalog.suggest("x", []) == " Known: none."
+
+
+def test_unknown_parameters_name_the_nearest():
+    with pytest.raises(SpecError, match=r"Predictor `linear` has no parameter `rigde`. Did you mean `ridge`"):
+        catalog.predictor("linear:rigde=2")
+    with pytest.raises(SpecError, match=r"Domain `orca` has no parameter `D`. Did you mean `d`"):
+        catalog.domain("orca", D=0.3)
+
+
+def test_keyword_arguments_win_over_the_spec():
+    assert catalog.predictor("linear:ridge=2,sigma=true", ridge=3).ridge == 3
+
+
+@pytest.mark.parametrize("table", ["DOMAINS", "PREDICTORS"])
+def test_every_row_of_the_tables_is_a_class_with_a_summary(table):
+    for entry in getattr(catalog, table).values():
+        assert isinstance(catalog.load_class(entry.target), type)
+        assert entry.summary
+
+
+def test_module_and_class():
+    made = catalog.predictor(f"{HERE}:Needs:a=1,b=x")
+    assert (type(made).__name__, made.a, made.b) == ("Needs", 1, "x")
+    assert catalog.predictor(f"{HERE}:Open:any=1", more=2).anything == {"any": 1, "more": 2}
+
+
+def test_a_class_and_an_instance():
+    made = catalog.predictor(Needs, a=1)
+    assert made.a == 1
+    assert catalog.predictor(made) is made
+    assert catalog.domain(made) is made
+    with pytest.raises(SpecError, match=r"already a predictor: parameters \['a'\] cannot be set"):
+        catalog.predictor(made, a=2)
+
+
+@pytest.mark.parametrize("spec", [f"{HERE}:Needs", f"{HERE}:Needs:b=3", Needs])
+def test_missing_parameters_are_named(spec):
+    with pytest.raises(SpecError, match="needs a: "):
+        catalog.predictor(spec)
+
+
+def test_unknown_parameters_of_a_class_are_named():
+    with pytest.raises(SpecError, match="has no parameter `c`"):
+        catalog.predictor(Needs, a=1, c=3)
+
+
+def test_a_constructors_own_type_error_is_left_alone():
+    with pytest.raises(TypeError, match="a fault of its own"):
+        catalog.predictor(f"{HERE}:Broken")
+
+
+def test_missing_modules_and_classes():
+    with pytest.raises(
+        SpecError, match=r"There is no module `no_such.module`.*Run from the folder that holds no_such.py"
+    ):
+        catalog.predictor("no_such.module:Class")
+    with pytest.raises(SpecError, match=r"has no `Nedes`. Did you mean `Needs`"):
+        catalog.predictor(f"{HERE}:Nedes")
+
+
+def test_a_module_that_imports_something_missing_says_so_itself(tmp_path, monkeypatch):
+    (tmp_path / "half_installed.py").write_text("import surely_not_there\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="surely_not_there"):
+        catalog.predictor("half_installed:Class")
+
+
+@pytest.mark.parametrize("spec", [":Class", "module:", ".relative:Class", "a..b:C", "a b:C", "a:B:C"])
+def test_what_cannot_be_module_and_class(spec):
+    with pytest.raises(SpecError):
+        catalog.predictor(spec)
+
+
+@pytest.mark.parametrize("thing", [None, 3, Nothing(), Nothing, f"{HERE}:Nothing", f"{HERE}:not_a_class"])
+@pytest.mark.parametrize("make", [catalog.predictor, catalog.domain])
+def test_what_has_not_the_methods(thing, make):
+    with pytest.raises(SpecError, match=r"it has no method|not a class"):
+        make(thing)
+
+
+def test_values_that_are_not_finite_are_text():
+    assert catalog.parse_spec("x:k=inf") == ("x", {"k": "inf"})
+    assert not math.isfinite(float(catalog.parse_spec("x:k=inf")[1]["k"]))
