@@ -1,6 +1,7 @@
-"""A domain of your own, from any text file of `frame id x y` rows. Score on it with
+"""A domain of your own, from any text file of `frame id x y` rows.
 
-motion-gym score constant_velocity --domain own_domain:Tracks:path=tracks.txt      (from this folder)
+Score on it, from this folder:  motion-gym score constant_velocity --domain own_domain:Tracks:path=FILE
+Check it:  python own_domain.py FILE  (without FILE it writes one to try it on)
 """
 
 import sys
@@ -23,6 +24,7 @@ class Tracks(RecordedDomain):
         self.path, self.dt = path, dt
 
     def recordings(self, split):
+        """The recordings of a split: here one, or none."""
         recording = motion_gym.read_recording(self.path, dt=self.dt)
         first, last = {"train": (0, 0.7), "val": (0.7, 0.8), "test": (0.8, 1), "reference": (0, 0)}[split]
         low, high = (int(share * len(np.unique(recording.frame))) for share in (first, last))
@@ -52,3 +54,4 @@ if __name__ == "__main__":
     motion_gym.check_domain(domain)
     print(motion_gym.leak_probe(domain))
     print(motion_gym.evaluate("constant_velocity", domain))
+    print(f"Next: motion-gym score constant_velocity --domain own_domain:Tracks:path={path}")

@@ -1,6 +1,6 @@
-"""A predictor of your own: one class with one method. Score it with
+"""A predictor of your own: one class with one method.
 
-motion-gym score own_predictor:Turning --domain orca:d=0.6      (from this folder)
+Score it, from this folder:  motion-gym score own_predictor:Turning --domain orca:d=0.6
 """
 
 import numpy as np
@@ -15,6 +15,7 @@ class Turning:
         self.fade = fade
 
     def predict(self, observation, samples=1, seed=0):
+        """Forecast every agent; the same input gives the same answer."""
         step = np.diff(observation.xy, axis=1)
         angle = np.arctan2(step[..., 1], step[..., 0])
         turn = (angle[:, -1] - angle[:, -2] + np.pi) % (2 * np.pi) - np.pi

@@ -146,7 +146,7 @@ def training_set(domain: Any) -> TrainingSet:
     sources = domain.sources() if hasattr(domain, "sources") else []
     if not sources:
         raise SpecError(
-            f"Domain `{domain.card.name}` names no source domains (`sources()`): fit the predictor yourself, "
-            "`predictor.fit(train, validation, seed)`, and pass the fitted object."
+            f"Domain `{domain.card.name}` names no domains to train on: define `sources()` in its class, or fit the "
+            "predictor yourself, `predictor.fit(train, validation, seed)`, and pass the fitted object."
         )
     return [s.windows("train") for s in sources], [s.windows("val") for s in sources]

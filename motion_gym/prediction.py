@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,21 @@ from motion_gym.domains import training_set
 
 
 def name_of(predictor: Any) -> str:
-    """Name of a predictor for tables and messages: its own ``name``, or that of its class."""
+    """Name of a predictor for tables and messages: its own ``name``, or its class with settings.
+
+    Settings are those arguments of the constructor that are attributes of the same name and not at their defaults.
+    """
     own = getattr(predictor, "name", None)
-    return own if isinstance(own, str) else type(predictor).__name__
+    if isinstance(own, str):
+        return own
+    try:
+        arguments = inspect.signature(type(predictor)).parameters.values()
+    except (TypeError, ValueError):
+        return type(predictor).__name__
+    values = [(a, getattr(predictor, a.name, a.default)) for a in arguments]
+    plain = (int, float, str, type(None))
+    settings = [f"{a.name}={v!r}" for a, v in values if isinstance(v, plain) and v != a.default]
+    return type(predictor).__name__ + (f"({', '.join(settings)})" if settings else "")
 
 
 def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predictor:

@@ -58,7 +58,7 @@ def run(
         "versions": versions(),
         "commit": commit(),
         "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "finished": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        "finished": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="milliseconds"),
         "command": sys.argv[1:],
     }
     if path is not None:
@@ -76,7 +76,7 @@ def read(path: Path) -> dict[str, Any]:
         result = json.loads(path.read_text())
     except (OSError, ValueError) as error:
         raise DataError(f"{path} is not a result: {error}. Delete it, and run the command again.") from None
-    if not isinstance(result, dict) or result.get("schema") != SCHEMA:
+    if not isinstance(result, dict) or result.get("schema") != SCHEMA or not {"identity", "metrics"} <= set(result):
         raise DataError(f"{path} is not a result of this version of motion-gym. Delete it, and run the command again.")
     return result
 
@@ -107,7 +107,7 @@ def spec_of(domain: Domain) -> str:
     if isinstance(domain, RecordedDomain):
         for key in [k for k in changed if k not in shown]:
             fewer = {k: v for k, v in changed.items() if k != key}
-            if type(domain)(**fewer).parameters == domain.parameters:
+            if _makes(type(domain), fewer, domain.parameters):
                 changed = fewer
     return catalog.format_spec(card.name, changed)
 
@@ -139,6 +139,14 @@ def commit() -> str | None:
         return git("rev-parse", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.SubprocessError):
         return None
+
+
+def _makes(kind: type[RecordedDomain], given: Mapping[str, Any], all_of_them: Mapping[str, Any]) -> bool:
+    """Whether a domain made with the given parameters has all of them."""
+    try:
+        return kind(**given).parameters == all_of_them
+    except Exception:  # a class of somebody else, made in a way that it was not meant for, may raise anything
+        return False
 
 
 def _identity(

@@ -17,7 +17,7 @@ from scipy.stats import ks_2samp
 import motion_gym
 from motion_gym.contract import SpecError
 from motion_gym.evaluation import evaluate
-from motion_gym.storage import cache_folder, data_folder
+from motion_gym.storage import data_folder
 from motion_gym.windows import windows_of
 
 STYLES = (0.1, 0.3, 0.6)
@@ -77,9 +77,8 @@ def test_scenes_are_distributed_as_the_released_ones(d):
 def test_every_style_has_the_same_starts():
     # Before the agents see each other, at 0.38 s, a scene looks the same for every d; dropping scenes differs.
     first = {d: {row.tobytes() for row in positions(d=d)[:, :, 0]} for d in STYLES}
-    for d in STYLES:
-        assert len(first[d] | first[0.1]) <= 5000
-        assert len(first[d] & first[0.1]) >= 4750
+    assert len(set.union(*first.values())) <= 5000
+    assert len(set.intersection(*first.values())) > 4700
 
 
 def test_distance_kept_is_twice_the_radius():
@@ -90,11 +89,9 @@ def test_distance_kept_is_twice_the_radius():
 
 
 def test_scenes_of_the_splits_are_disjoint():
-    domain = motion_gym.domain("orca", scenes=300)
-    rows = {
-        split: {row.tobytes() for row in domain.windows(split).observation.history} for split in domain.splits
-    }
-    assert set(rows) == {"train", "val", "test", "reference"} and all(len(found) > 500 for found in rows.values())
+    domain = motion_gym.domain("orca", scenes=100)
+    rows = {split: {row.tobytes() for row in domain.windows(split).observation.history} for split in domain.splits}
+    assert set(rows) == {"train", "val", "test", "reference"} and all(len(found) > 150 for found in rows.values())
     assert len(set.union(*rows.values())) == sum(map(len, rows.values()))
     assert digest(domain.reference().future) == digest(domain.windows("reference").future)
 
@@ -132,8 +129,7 @@ def test_many_agents(agents, scenes):
     xy = positions(agents=agents, scenes=scenes)
     speed = np.linalg.norm(np.diff(xy, axis=2), axis=-1) / domain.dt
     assert 0.5 < speed.mean() < 1 and speed.max() < 1.001
-    rank = np.linalg.norm(xy[:, :, -1] - -xy[:, :, 0], axis=-1)
-    assert rank.min() > 0.5  # nobody has arrived
+    assert np.linalg.norm(xy[:, :, -1] + xy[:, :, 0], axis=-1).min() > 0.5  # nobody has arrived
 
 
 def test_agents_walk_to_the_other_side():
@@ -152,7 +148,7 @@ def test_speed_and_horizon_matter():
 
 @pytest.mark.parametrize("parameters", [{"d": 0.1}, {"d": 0.6}, {"d": 0.6, "radius": 7.0}])
 def test_oracle_knows(parameters):
-    assert evaluate("orca_oracle", "orca", scenes=1000, **parameters).metrics["ADE"].mean < 0.005
+    assert evaluate("orca_oracle", "orca", scenes=300, **parameters).metrics["ADE"].mean < 0.005
 
 
 def test_windows_are_those_of_the_recordings():
@@ -174,7 +170,7 @@ DIGEST = """
     import hashlib, sys, warnings
     import motion_gym
     warnings.simplefilter("error")
-    truth = motion_gym.domain("orca", d=0.6, agents=5, scenes=200, seed=3).windows("test")
+    truth = motion_gym.domain("orca", d=0.6, agents=5, scenes=60, seed=3).windows("test")
     print(hashlib.sha256(truth.future.tobytes()).hexdigest())
 """
 
@@ -195,12 +191,12 @@ def finish(process):
     return out.strip()
 
 
-def test_two_processes_make_the_same_scenes_and_one_entry(fresh_cache):
+def test_two_processes_make_the_same_scenes_and_one_entry(fresh_cache, monkeypatch):
     both = [python(DIGEST, PYTHONHASHSEED=str(n)) for n in (1, 2)]
     found = {finish(process) for process in both}
     assert len(os.listdir(fresh_cache)) == 1
-    os.environ["MOTION_GYM_CACHE"] = str(fresh_cache / "another")
-    here = motion_gym.domain("orca", d=0.6, agents=5, scenes=200, seed=3).windows("test")
+    monkeypatch.setenv("MOTION_GYM_CACHE", str(fresh_cache / "another"))
+    here = motion_gym.domain("orca", d=0.6, agents=5, scenes=60, seed=3).windows("test")
     assert found == {digest(here.future)}
 
 
@@ -308,7 +304,7 @@ def test_little_room_is_found():
 
 
 def test_circle_that_is_crossed_too_soon_is_refused():
-    with pytest.raises(SpecError, match="come near its goal after 8 s.*radius above 3 m, a speed below 1 m/s"):
+    with pytest.raises(SpecError, match=r"come near its goal after 8 s.*radius above 3 m, a speed below 1 m/s"):
         motion_gym.domain("orca", radius=3, scenes=20).windows("test")
 
 
@@ -317,8 +313,3 @@ def test_engine_is_quiet():
         warnings.simplefilter("error")
         for parameters in ({"d": 0.1}, {"d": 0.6, "agents": 10}, {"d": 2.0}):
             motion_gym.domain("orca", scenes=20, seed=9, **parameters).windows("test")
-
-
-def test_cache_is_where_it_should_be(fresh_cache):
-    motion_gym.domain("orca", scenes=5).windows("test")
-    assert cache_folder() == fresh_cache and len(os.listdir(fresh_cache)) == 1

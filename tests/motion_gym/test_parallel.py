@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pettingzoo
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 
 import motion_gym
 from motion_gym.contract import ActionError, Forecast, Recording, SpecError
@@ -69,18 +70,7 @@ def episode(env: ForecastEnv, seed: int = 0, spoil=None) -> list[tuple]:
 
 
 def assert_same(one, other) -> None:
-    assert type(one) is type(other)
-    if isinstance(one, np.ndarray):
-        assert one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
-    elif isinstance(one, dict):
-        assert list(one) == list(other)
-        assert_same(list(one.values()), list(other.values()))
-    elif isinstance(one, (list, tuple)):
-        assert len(one) == len(other)
-        for a, b in zip(one, other, strict=True):
-            assert_same(a, b)
-    else:
-        assert one == other
+    assert data_equivalence(one, other, exact=True)
 
 
 def arrays(thing) -> list[np.ndarray]:

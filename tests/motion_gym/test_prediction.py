@@ -9,6 +9,7 @@ from motion_gym import trials
 from motion_gym.contract import Card, Forecast, PredictorError, SpecError
 from motion_gym.domains import freeze
 from motion_gym.prediction import ask, checked, frozen, guarded, name_of, ready, tell
+from motion_gym.predictors.linear import Linear
 from motion_gym.windows import pick_scenes
 
 TRUTH = freeze(trials.synthetic((1, 2, 5), 2, seed=0))
@@ -113,7 +114,8 @@ BAD = {
 
 @pytest.mark.parametrize("message", BAD)
 def test_bad_answers_are_named(message):
-    with pytest.raises(PredictorError, match=f"^Answers.predict returned.*{message.removeprefix('returned ')}"):
+    pattern = rf"^Answers(\(.*\))?\.predict returned.*{message.removeprefix('returned ')}"
+    with pytest.raises(PredictorError, match=pattern):
         ask(Answers(BAD[message]), HERE, 4)
 
 
@@ -197,7 +199,9 @@ def test_interrupts_pass():
 
 def test_name():
     assert name_of(Logbook()) == "logbook"
-    assert name_of(Answers(None)) == "Answers"
+    assert name_of(Answers(np.zeros(3))) == "Answers"
+    assert name_of(Linear()) == "Linear"
+    assert name_of(Linear(sigma=True, ridge=2.0)) == "Linear(sigma=True, ridge=2.0)"
 
 
 def test_tell_shows_a_copy_that_cannot_be_written_to():
@@ -233,7 +237,7 @@ def test_ready_fits_no_instance():
 def test_ready_names_a_domain_without_sources():
     place = Place()
     place.sources = list
-    with pytest.raises(SpecError, match="`place` names no source domains"):
+    with pytest.raises(SpecError, match="`place` names no domains to train on"):
         ready("linear", place)
 
 

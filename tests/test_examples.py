@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The examples, where they may leave files."""
+    return shutil.copytree(EXAMPLES, tmp_path / "examples", ignore=shutil.ignore_patterns("__pycache__"))
+
+
+def python(folder, *arguments):
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env={**os.environ, "COLUMNS": "80", "TMPDIR": str(folder), "PYTHONWARNINGS": "error::RuntimeWarning"},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+def motion_gym(folder, line):
+    command, *arguments = shlex.split(line)
+    assert command == "motion-gym"
+    return python(folder, "-m", "motion_gym.cli", *arguments)
+
+
+def written_command(name):
+    """The command line in the docstring of an example."""
+    (line,) = re.findall(r"(motion-gym score .*)", (EXAMPLES / name).read_text().split('"""')[1])
+    return line
+
+
+def test_every_example_is_tested():
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {
+        "gymnasium_loop.py",
+        "own_domain.py",
+        "own_predictor.py",
+        "pettingzoo_loop.py",
+    }
+
+
+def test_gymnasium_loop(folder):
+    out = python(folder, "gymnasium_loop.py")
+    assert float(re.search(r"^ADE +(\d\.\d+) \[", out, re.MULTILINE)[1]) == pytest.approx(0.43, abs=0.05)
+
+
+def test_pettingzoo_loop(folder):
+    out = python(folder, "pettingzoo_loop.py")
+    forecasts, matured, censored = map(int, re.search(r"(\d+) forecasts: (\d+) matured, (\d+) censored", out).groups())
+    assert forecasts == matured + censored and matured > 0
+    assert float(re.search(r"^ADE +(\d\.\d+) \[", out, re.MULTILINE)[1]) == pytest.approx(0.43, abs=0.05)
+
+
+def test_own_predictor(folder):
+    assert re.search(r"^Turning on orca:d=0.6.*ADE \d\.\d+ \[", python(folder, "own_predictor.py"), re.MULTILINE)
+    out = motion_gym(folder, written_command("own_predictor.py") + ",scenes=100")
+    assert re.search(r"own_predictor:Turning +\.\d{3}", out)
+
+
+def test_own_domain(folder):
+    out = python(folder, "own_domain.py")
+    assert "no leak found" in out and "constant_velocity on tracks:path=" in out
+    path = re.search(r"^Next: .*:path=(.*)$", out, re.MULTILINE)[1]
+    assert out == python(folder, "own_domain.py", path)
+    scores = motion_gym(folder, written_command("own_domain.py").replace("FILE", path))
+    assert re.search(r"constant_velocity +\.452 ", scores) and "210 agent-windows of 10 agents" in scores
