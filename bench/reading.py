@@ -9,6 +9,7 @@ from machine import machine
 
 import motion_gym
 from motion_gym import datasets
+from motion_gym.domains import training_set
 
 
 def reading() -> float:
@@ -35,6 +36,10 @@ if __name__ == "__main__":
     print(f"Reading and importing. {machine()}")
     times = [reading() for _ in range(7)]
     print(f"seven training files, read, checked and windowed with sigma: median {statistics.median(times):.3f} s")
+    train, validation = training_set(motion_gym.domain("eth:alpha=1"))
+    began = time.perf_counter()
+    motion_gym.predictor("linear:sigma=true").fit(train, validation)
+    print(f"linear:sigma=true fitted to them: {time.perf_counter() - began:.3f} s")
     for module in ("motion_gym", "gymnasium"):
         times = [importing(module) for _ in range(5)]
         print(f"import {module}: median {statistics.median(times):.3f} s, torch not imported")

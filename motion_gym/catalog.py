@@ -59,6 +59,11 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
 
     Values are read as Python literals where they are one (``64``, ``0.5``, ``true``), else as text.
 
+    >>> parse_spec("eth:alpha=64,sigma=past")
+    ('eth', {'alpha': 64, 'sigma': 'past'})
+    >>> parse_spec("my_module:MyPredictor:fade=0.5")
+    ('my_module:MyPredictor', {'fade': 0.5})
+
     Raises:
         SpecError: a part that should be ``key=value`` is not, or a key is there twice.
     """

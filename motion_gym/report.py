@@ -139,7 +139,7 @@ def insert(path: Path, name: str, text: str) -> bool:
     """
     begin = BEGIN.format(name=name)
     try:
-        old = path.read_text()
+        old = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read: {error}. Name a text file to put the table into.") from None
     pattern = re.compile(re.escape(begin) + r"\n(?:(?!<!-- results: ).)*?" + re.escape(END), re.DOTALL)

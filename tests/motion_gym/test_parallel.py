@@ -87,6 +87,7 @@ def test_two_environments_are_the_same_to_the_end(make, spec, clock):
     assert len(first) > 5
     assert_same(first, episode(two))
     assert_same(first, episode(one))
+    assert len(one.ledger) == len(two.ledger) > 0
     assert episode(one, seed=1)[1][1] != first[1][1], "rewards must depend on the actions"
 
 

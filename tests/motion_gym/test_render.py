@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pickle
 import warnings
 
 import matplotlib
@@ -186,6 +187,8 @@ class TestErrors:
         assert caught[0].filename == __file__, "the warning points at the line that asked for it"
         env.reset()
         assert env.render() is None and len(plt.get_fignums()) == 1
+        pickle.loads(pickle.dumps(env))
+        assert len(plt.get_fignums()) == 1, "a copy opens no window of its own"
         env.close()
         assert not plt.get_fignums()
 
