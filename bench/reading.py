@@ -24,7 +24,8 @@ def reading() -> float:
 
 def importing(module: str) -> float:
     """Seconds of ``import module`` in a fresh interpreter, start of the interpreter not included."""
-    code = f"import time; t = time.perf_counter(); import {module}, sys; print(time.perf_counter() - t, 'torch' in sys.modules)"
+    clock = "time.perf_counter()"
+    code = f"import sys, time; t = {clock}; import {module}; print({clock} - t, 'torch' in sys.modules)"
     seconds, torch = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()

@@ -229,6 +229,7 @@ def _score(predictors: Sequence[str], places: Sequence[Domain], out: Path | None
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
         task = progress.add_task("", total=sum(map(len, jobs.values())))
         for place, names in jobs.items():
+            progress.start()  # and stopped while a table is printed: they may share a terminal
             rows = []
             for name in names:
                 progress.update(task, description=escape(f"{name} on {results.spec_of(place)}"))
@@ -237,6 +238,7 @@ def _score(predictors: Sequence[str], places: Sequence[Domain], out: Path | None
                 except PredictorError as error:
                     failures.setdefault(f"{name}: {error}", []).append(results.spec_of(place))
                 progress.advance(task)
+            progress.stop()
             if rows:
                 report.print_table(console, rows)
             done += rows

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -181,6 +182,33 @@ def test_module_and_script_start_in_a_shell(folder):
     assert (failed.returncode, failed.stdout) == (2, "")
     assert failed.stderr.startswith("error: Module `own_things` has no `Standign`. Did you mean `Standing`?")
     assert len(failed.stderr.splitlines()) == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo terminals here")
+@pytest.mark.parametrize("shared", [True, False], ids=["one terminal", "table into a file"])
+def test_progress_bar_and_tables_do_not_mix(folder, shared):
+    ours, theirs = os.openpty()
+    with (folder / "out.txt").open("w") as out:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "motion_gym.cli", "score", "linear", "--domain", "orca:scenes=800"],
+            cwd=folder,
+            env={**os.environ, "COLUMNS": "80", "TERM": "xterm"},
+            stdout=theirs if shared else out,
+            stderr=theirs,
+        )
+        os.close(theirs)
+        seen = b""
+        with contextlib.suppress(OSError):  # how the end of a pseudo terminal shows
+            while part := os.read(ours, 4096):
+                seen += part
+        os.close(ours)
+        assert process.wait(60) == 0
+    text = seen.decode() if shared else (folder / "out.txt").read_text()
+    assert "linear on orca:d=0.3,scenes=800" in seen.decode()
+    before, title, after = text.partition("\x1b[1morca:d=0.3,scenes=800" if shared else "orca:d=0.3,scenes=800\n")
+    assert title and before.rpartition("\x1b[2K")[2] == ""  # the bar was erased
+    assert " on orca:" not in after and len(rows(after)) == 3
+    assert shared or ("\x1b" not in text and "ADE" not in seen.decode())
 
 
 def test_predictor_that_fails_does_not_take_the_others_along(capsys):
