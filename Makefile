@@ -8,14 +8,20 @@ export MPLBACKEND := Agg
 
 .PHONY: demo test check results bench clean
 
-$(VENV)/.ready: $(ROOT)pyproject.toml $(ROOT)constraints.txt
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt
+
+$(VENV)/.installed: $(ROOT)pyproject.toml $(ROOT)constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
-	  { echo "motion-gym needs Python 3.10 or newer; $(PYTHON) is `$(PYTHON) --version`. Use: make PYTHON=python3.12 ..."; exit 1; }
+	  { echo "motion-gym needs Python 3.10 or newer, and $(PYTHON) is older: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt -e "$(ROOT)[dev]"
+	$(INSTALL) -e "$(ROOT)"
 	@touch $@
 
-demo: $(VENV)/.ready
+$(VENV)/.ready: $(VENV)/.installed
+	$(INSTALL) -e "$(ROOT)[dev]"
+	@touch $@
+
+demo: $(VENV)/.installed
 	$(BIN)/motion-gym demo
 
 test: $(VENV)/.ready
@@ -29,7 +35,7 @@ check: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/python .ci/check_wheel.py
 
 # The table of the README, from scratch.
-results: $(VENV)/.ready
+results: $(VENV)/.installed
 	cd $(ROOT) && $(BIN)/motion-gym demo --out results/baselines && \
 	  $(BIN)/motion-gym table results/baselines --into README.md
 

@@ -143,13 +143,23 @@ def stack(parts: Sequence[Truth]) -> Truth:
 
 def pick_scenes(truth: Truth, scenes: np.ndarray | list[int] | slice) -> Truth:
     """The given scenes of a truth, in the given order."""
-    observation = truth.observation
-    chosen = np.arange(observation.scenes)[scenes]
-    sizes = np.diff(observation.scene)[chosen]
+    rows = rows_of(truth.observation, scenes)
+    return Truth(truth.future[rows], truth.known[rows], pick_scenes_of(truth.observation, scenes))
+
+
+def pick_scenes_of(observation: Observation, scenes: np.ndarray | list[int] | slice) -> Observation:
+    """The given scenes of an observation, in the given order."""
+    rows = rows_of(observation, scenes)
+    sizes = observation.scene[1:][scenes] - observation.scene[:-1][scenes]
     scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    rows = np.arange(scene[-1]) - np.repeat(scene[:-1], sizes) + np.repeat(observation.scene[chosen], sizes)
-    picked = Observation(observation.history[rows], scene, observation.agent[rows], observation.dt)
-    return Truth(truth.future[rows], truth.known[rows], picked)
+    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt)
+
+
+def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) -> np.ndarray:
+    """Rows of the agents of the given scenes, in the given order."""
+    start = observation.scene[:-1][scenes]
+    sizes = observation.scene[1:][scenes] - start
+    return np.arange(sizes.sum()) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
 
 
 def empty_truth(features: int, dt: float) -> Truth:

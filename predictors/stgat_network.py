@@ -38,7 +38,7 @@ class Draws:
     noise: Tensor
 
     @classmethod
-    def from_seed(cls, generator: torch.Generator, models: int, layout: Layout) -> Draws:
+    def from_generator(cls, generator: torch.Generator, models: int, layout: Layout) -> Draws:
         """Draw everything from N(0, 1)."""
         agents, scenes = len(layout.place), len(layout.row)
 
@@ -71,7 +71,9 @@ def shapes(features: int) -> dict[str, tuple[int, ...]]:
 
 
 def initial(features: int, seed: int) -> Weights:
-    """Weights of one model, M = 1: those of an LSTM or linear layer from U(-1, 1) / sqrt(units or inputs), of attention by Glorot.
+    """Weights of one model, M = 1.
+
+    Those of an LSTM or linear layer are drawn from U(-1, 1) / sqrt(units or inputs), of attention by Glorot's rule.
 
     Args:
         features: Values per observed step: 2, or 3 with sigma.

@@ -158,7 +158,7 @@ def slow_sigma(track, alpha, power):
 
 
 @pytest.mark.parametrize(("curvature", "power"), [("norm", 1), ("squared", 2)])
-@pytest.mark.parametrize("place", ["eth", "hotel"])
+@pytest.mark.parametrize("place", ["eth", "zara1"])  # of 2 decimals, and of more
 def test_sigma_is_the_stated_formula(eth_ucy, place, curvature, power):
     domain = motion_gym.domain(place, alpha=8, curvature=curvature)
     rows = {}

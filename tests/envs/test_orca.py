@@ -74,6 +74,14 @@ def test_scenes_are_distributed_as_the_released_ones(d):
         assert ks_2samp(values, expected[name]).pvalue > 0.01, name
 
 
+def test_scenes_that_end_too_near_a_goal_are_dropped():
+    xy = positions(d=0.1)
+    first, last = xy[:, :, 0], xy[:, :, -1]
+    goal = -first * (1 + 0.38 / np.linalg.norm(first, axis=-1, keepdims=True))
+    left = np.linalg.norm(last - goal, axis=-1)
+    assert 0.979 < left.min() < 1.01
+
+
 def test_every_style_has_the_same_starts():
     # Before the agents see each other, at 0.38 s, a scene looks the same for every d; dropping scenes differs.
     first = {d: {row.tobytes() for row in positions(d=d)[:, :, 0]} for d in STYLES}

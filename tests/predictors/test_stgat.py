@@ -1,0 +1,235 @@
+"""STGAT against the released program: its forward pass, its objective, and its published weights."""
+
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import motion_gym
+from motion_gym.checks import check_predictor
+from motion_gym.contract import Observation, PredictorError
+from motion_gym.predictors import stgat_network as network
+from motion_gym.predictors.graph_attention import Layout, graph_attention
+from motion_gym.predictors.lstm import Unrolled
+from motion_gym.predictors.stgat import Counterfactual, Erm, Invariant, Stgat, import_released
+
+SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "reference"
+PUBLISHED = {"erm": Erm, "counterfactual": Counterfactual, "irm_5.0": Invariant}
+
+
+def published(name):
+    """A predictor with the authors' weights."""
+    path = SHARED / f"causalmotion_eth_{name}_seed1.pth.tar"
+    if not path.exists():
+        pytest.skip(f"the published weights are not here: {path.name}")
+    made = PUBLISHED[name]()
+    made.tensors, made.card = import_released(path)
+    return made
+
+
+def random_model(kind=Erm, seed=0):
+    """A predictor with random weights."""
+    made = kind()
+    made.tensors = network.initial(made.features, seed)
+    return made
+
+
+def observation(sizes, seed=0, features=3):
+    """Random walkers."""
+    rng = np.random.default_rng(seed)
+    history = np.cumsum(rng.normal(0, 0.4, (sum(sizes), 8, features)), axis=1).astype(np.float32)
+    return Observation(history, np.append(0, np.cumsum(sizes)), np.arange(sum(sizes)), 0.4)
+
+
+@pytest.fixture(scope="module")
+def golden():
+    """Inputs, draws and outputs of the released program on six scenes."""
+    path = SHARED / "stgat_golden.npz"
+    if not path.exists():
+        pytest.skip(f"the golden numbers of the released program are not here: {path.name}")
+    return {key: torch.from_numpy(value) for key, value in np.load(path).items()}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_stages_are_those_of_the_released_program(golden, name):
+    made = published(name)
+    limits = golden["seq_start_end"].numpy()
+    layout = Layout.of(np.append(limits[:, 0], limits[-1, 1]))
+    draws = network.Draws(
+        (golden["traj_h0"][None], golden["traj_c0"][None]),
+        (golden["graph_h0"][None], golden["graph_c0"][None]),
+        golden["noise"][None][:, layout.scene],
+    )
+    steps = golden["obs_rel"]
+    first = network.stage1(steps, draws, made.tensors)[:, 0]
+    torch.testing.assert_close(first, golden[f"{name}/stage1"], atol=1e-5, rtol=0)
+    second = network.stage2(steps, draws, layout, made.tensors)[:, 0]
+    # One scene of ERM divides by a spread near zero: float64 is 1.7e-4 away from the program's own float32 there.
+    torch.testing.assert_close(second, golden[f"{name}/stage2"], atol=3e-4 if name == "erm" else 1e-5, rtol=0)
+    moves = network.stage3(steps, draws, layout, made.tensors, made.counterfactual)[:, 0]
+    torch.testing.assert_close(moves, golden[f"{name}/stage3"], atol=1e-5, rtol=0)
+    positions = golden["obs"][-1] + moves.cumsum(dim=0)
+    torch.testing.assert_close(positions, golden[f"{name}/forecast"], atol=5e-5 if name == "erm" else 1e-5, rtol=1e-5)
+
+
+ROWS = {  # ADE of the published weights on eth, k = 1 and best of 20 per scene, run with the released program
+    "erm": {1: (0.958, 0.870), 8: (0.861, 0.796), 64: (2.786, 2.666)},
+    "counterfactual": {1: (1.041, 0.989), 8: (0.851, 0.797), 64: (2.765, 2.683)},
+    "irm_5.0": {1: (1.037, 0.934), 8: (1.100, 0.971), 64: (1.854, 1.538)},
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_weights_score_as_published(eth_ucy, name):
+    made = published(name)
+    for alpha, (single, best) in ROWS[name].items():
+        card = motion_gym.evaluate(made, "eth", alpha=alpha, k=20)
+        assert card.metrics["JADE_20"].mean == pytest.approx(best, abs=0.04)
+        # The published row is one draw, and draws scatter.
+        seeds = [motion_gym.evaluate(made, "eth", alpha=alpha, seed=s).metrics["ADE"].mean for s in range(5)]
+        assert np.mean(seeds) == pytest.approx(single, abs=max(0.04, 3 * np.std(seeds)))
+        assert "best ADE on the source validation split" in card.selection
+
+
+def test_unrolled_lstm_has_the_gradients_of_autograd():
+    torch.manual_seed(0)
+    steps, models, agents, size = 4, 2, 5, 6
+    shapes = [
+        (steps, models, agents, 4 * size),
+        (models, agents, size),
+        (models, agents, size),
+        (models, size, 4 * size),
+    ]
+    arguments = [torch.randn(*shape, requires_grad=True) for shape in shapes]
+
+    def plain(gates, h, c, weight):
+        hidden = []
+        for step in gates:
+            i, f, n, o = (step + h @ weight).split(size, dim=-1)
+            c = f.sigmoid() * c + i.sigmoid() * n.tanh()
+            h = o.sigmoid() * c.tanh()
+            hidden.append(h)
+        return torch.stack(hidden), c
+
+    found, expected = Unrolled.apply(*arguments), plain(*arguments)
+    upstream = [torch.randn_like(x) for x in expected]
+    for a, b in zip(found, expected, strict=True):
+        torch.testing.assert_close(a, b)
+    gradients = [torch.autograd.grad(out, arguments, upstream) for out in (found, expected)]
+    for a, b in zip(*gradients, strict=True):
+        torch.testing.assert_close(a, b, atol=1e-5, rtol=1e-4)
+
+
+def test_attention_has_the_gradients_of_finite_differences():
+    torch.manual_seed(0)
+    layout = Layout.of(np.array([0, 3, 4, 6]))
+    weights = {k: v.double() for k, v in network.initial(3, 0).items() if k.startswith("attention")}
+    layout = Layout(layout.row, layout.mask.double(), layout.place, layout.scene, layout.closed.double())
+    x = torch.randn(2, 1, 6, 32, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(
+        lambda x: graph_attention(x, layout, weights)[..., :3], (x,), atol=1e-4, fast_mode=True
+    )
+
+
+@pytest.mark.parametrize("kind", [Erm, Counterfactual])
+def test_contract(kind):
+    check_predictor(random_model(kind))
+
+
+def test_scenes_of_any_size_and_order_of_agents():
+    made, seen = random_model(), observation([1, 5, 2])
+    positions = made.predict(seen, samples=3).positions
+    assert positions.shape == (8, 3, 12, 2) and np.isfinite(positions).all()
+
+
+def test_models_side_by_side_are_the_models_one_by_one():
+    layout = Layout.of(np.array([0, 2, 5]))
+    draws = network.Draws.from_generator(torch.Generator().manual_seed(0), 2, layout)
+    steps = torch.randn(8, 5, 3)
+    singles = [network.initial(3, seed) for seed in (0, 1)]
+    both = {key: torch.cat([w[key] for w in singles]) for key in singles[0]}
+    together = network.stage3(steps, draws, layout, both)
+    for m, weights in enumerate(singles):
+        own = network.Draws(
+            tuple(x[m : m + 1] for x in draws.trajectory),
+            tuple(x[m : m + 1] for x in draws.graph),
+            draws.noise[m : m + 1],
+        )
+        alone = network.stage3(steps, own, layout, weights)
+        torch.testing.assert_close(together[:, m : m + 1], alone, atol=1e-6, rtol=1e-5)
+
+
+def test_save_and_load(tmp_path):
+    made = random_model()
+    made.card = {"selection": "random"}
+    made.save(tmp_path / "model.safetensors")
+    again = Erm(weights=tmp_path / "model.safetensors")
+    seen = observation([3, 2])
+    np.testing.assert_array_equal(made.predict(seen).positions, again.predict(seen).positions)
+    assert again.selection == "random" and pickle.loads(pickle.dumps(again)).fitted
+
+
+def test_without_weights_or_sigma_it_says_so():
+    with pytest.raises(PredictorError, match="erm has no weights: give a file"):
+        Erm().predict(observation([2]))
+    with pytest.raises(PredictorError, match="trained with sigma, and this domain gives x and y alone"):
+        random_model().predict(observation([2], features=2))
+
+
+def damaged(path, how):
+    """Damage a weight file in one way."""
+    if how == "truncated":
+        path.write_bytes(path.read_bytes()[:1000])
+    elif how == "text":
+        path.write_text("not weights")
+    else:
+        made = random_model()
+        made.tensors = network.initial(2, 0) if how == "without sigma" else dict(made.tensors)
+        if how == "another model":
+            made.tensors["extra.weight"] = made.tensors.pop("stage1.weight")
+        if how == "NaN":
+            made.tensors["stage3.bias"][0, 0] = float("nan")
+        made.save(path)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ("truncated", "damaged"),
+        ("text", "damaged"),
+        ("without sigma", "trained without sigma"),
+        ("another model", "weights of another model: it lacks .'stage1.weight'., and has .'extra.weight'."),
+        ("NaN", "stage3.bias has values that are not finite"),
+    ],
+)
+def test_bad_weight_files_are_refused(tmp_path, how, message):
+    path = tmp_path / "model.safetensors"
+    random_model().save(path)
+    damaged(path, how)
+    with pytest.raises(PredictorError, match=message):
+        Erm(weights=path)
+    with pytest.raises(PredictorError, match="There is no file"):
+        Stgat(weights=tmp_path / "none.safetensors")
+
+
+class Surprise:
+    """What a malicious file might hold."""
+
+    def __reduce__(self):
+        return (print, ("code was run",))
+
+
+def test_released_files_with_anything_else_in_them_are_refused(tmp_path, capsys):
+    path = tmp_path / "bad.pth.tar"
+    torch.save({"state_dict": {}, "surprise": Surprise()}, path)
+    with pytest.raises(PredictorError, match="was refused"):
+        import_released(path)
+    assert "code was run" not in capsys.readouterr().out
+    torch.save([1, 2], path)
+    with pytest.raises(PredictorError, match="no `state_dict`"):
+        import_released(path)
+    with pytest.raises(PredictorError, match="There is no file"):
+        import_released(tmp_path / "none.pth.tar")
