@@ -36,6 +36,7 @@ check: $(VENV)/.ready
 
 # The table of the README, from scratch.
 results: $(VENV)/.installed
+	rm -rf $(ROOT)results/baselines
 	cd $(ROOT) && $(BIN)/motion-gym demo --out results/baselines && \
 	  $(BIN)/motion-gym table results/baselines --into README.md
 

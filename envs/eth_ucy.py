@@ -56,7 +56,6 @@ class EthUcy(RecordedDomain):
     Pellegrini et al., "You'll never walk alone", ICCV 2009; Lerner et al., "Crowds by example", 2007.
     """
 
-    place: ClassVar[str]
     training_files: ClassVar[tuple[str, ...]]
     test_files: ClassVar[tuple[str, ...]]
     columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
@@ -72,20 +71,19 @@ class EthUcy(RecordedDomain):
         stride: int = 1,
         reference_share: float = 0.0,
     ):
-        self.name = self.place  # type: ignore[misc]
         self.sigma = sigma if sigma is not None else "none" if alpha is None else "paper"
-        _one_of(self.place, "sigma", self.sigma, ("none", "paper", "past"))
-        _one_of(self.place, "curvature", curvature, ("norm", "squared"))
+        _one_of(self.name, "sigma", self.sigma, ("none", "paper", "past"))
+        _one_of(self.name, "curvature", curvature, ("norm", "squared"))
         if alpha is not None and (not _is_number(alpha) or not 0 < alpha < math.inf):
-            raise SpecError(f"`alpha={alpha}` of domain `{self.place}` must be a number above 0, as in alpha=64.")
+            raise SpecError(f"`alpha={alpha}` of domain `{self.name}` must be a number above 0, as in alpha=64.")
         if alpha is not None and self.sigma == "none":
             raise SpecError(f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past.")
         for key, value in (("min_agents", min_agents), ("stride", stride)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise SpecError(f"`{key}={value}` of domain `{self.place}` must be a whole number, 1 or more.")
+                raise SpecError(f"`{key}={value}` of domain `{self.name}` must be a whole number, 1 or more.")
         if not _is_number(reference_share) or not 0 <= reference_share < 1:
             raise SpecError(
-                f"`reference_share={reference_share}` of domain `{self.place}` must be a number from 0 to below 1."
+                f"`reference_share={reference_share}` of domain `{self.name}` must be a number from 0 to below 1."
             )
         self.alpha = alpha if alpha is None or self.sigma == "none" else float(alpha)
         if self.sigma != "none" and alpha is None:
@@ -160,11 +158,11 @@ class EthUcy(RecordedDomain):
                 simply the places.
             by: ``"place"`` leaves out this place; ``"location"`` leaves out all that look at the same ground.
         """
-        _one_of(self.place, "design", design, ("paper", "crossed"))
-        _one_of(self.place, "by", by, ("place", "location"))
-        own = LOCATION[self.place]
-        names = [p for p in PLACES if (LOCATION[p] != own if by == "location" else p != self.place)]
-        if self.place == "eth6":
+        _one_of(self.name, "design", design, ("paper", "crossed"))
+        _one_of(self.name, "by", by, ("place", "location"))
+        own = LOCATION[self.name]
+        names = [p for p in PLACES if (LOCATION[p] != own if by == "location" else p != self.name)]
+        if self.name == "eth6":
             names = [p for p in names if p != "eth"]
         common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
@@ -184,14 +182,14 @@ class Eth(EthUcy):
     people seem to walk 1.67 times too fast. ``eth6`` is the same scene at its true rate.
     """
 
-    place = "eth"
+    name = "eth"
     training_files = test_files = ("biwi_eth.txt",)
 
 
 class Eth6(EthUcy):
     """The ``eth`` scene from its original annotation: one row per 6 frames, a true step of 0.4 s."""
 
-    place = "eth6"
+    name = "eth6"
     training_files = test_files = ("biwi_eth_obsmat_6frame.txt",)
     columns = (0, 1, 2, 4)
 
@@ -199,14 +197,14 @@ class Eth6(EthUcy):
 class Hotel(EthUcy):
     """ETH-UCY ``hotel``."""
 
-    place = "hotel"
+    name = "hotel"
     training_files = test_files = ("biwi_hotel.txt",)
 
 
 class Univ(EthUcy):
     """ETH-UCY ``univ``: two recordings for test, a third, ``uni_examples``, for training only."""
 
-    place = "univ"
+    name = "univ"
     training_files = ("students001.txt", "students003.txt", "uni_examples.txt")
     test_files = ("students001.txt", "students003.txt")
 
@@ -214,19 +212,19 @@ class Univ(EthUcy):
 class Zara1(EthUcy):
     """ETH-UCY ``zara1``."""
 
-    place = "zara1"
+    name = "zara1"
     training_files = test_files = ("crowds_zara01.txt",)
 
 
 class Zara2(EthUcy):
     """ETH-UCY ``zara2``; a further recording of the same street, ``zara03``, is for training only."""
 
-    place = "zara2"
+    name = "zara2"
     training_files = ("crowds_zara02.txt", "crowds_zara03.txt")
     test_files = ("crowds_zara02.txt",)
 
 
-BY_PLACE: dict[str, type[EthUcy]] = {c.place: c for c in (Eth, Eth6, Hotel, Univ, Zara1, Zara2)}
+BY_PLACE: dict[str, type[EthUcy]] = {c.name: c for c in (Eth, Eth6, Hotel, Univ, Zara1, Zara2)}
 
 
 def _is_number(value: object) -> bool:

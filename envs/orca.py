@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from numbers import Real
 
@@ -73,6 +72,8 @@ class Orca(RecordedDomain):
     oracle = "orca_oracle"
     headline = ("d",)
     dt = 0.4
+    first_frame = FIRST * TIME_STEP
+    """Seconds of walking up to the first frame."""
 
     def __init__(
         self,
@@ -120,23 +121,12 @@ class Orca(RecordedDomain):
     def simulated(self, split: str) -> dict[str, np.ndarray]:
         """Positions [S, 20, N, 2] float32 and first_infeasible [S, N] of a split, from the cache if they are there."""
         self.check_split(split)
-        return self._simulated(split)
+        return self.kept(f"simulation of {split}", lambda: self._cached(split))
 
-    @functools.cached_property
-    def _simulated(self):
-        @functools.cache
-        def make(split: str) -> dict[str, np.ndarray]:
-            starts = self.scenes or STARTS[split]
-            key = {
-                **self.parameters,
-                "scenes": starts,
-                "name": "orca",
-                "split": split,
-                "engine": ENGINE_VERSION,
-            }
-            return cached_arrays(key, lambda: self._simulate(split, starts))
-
-        return make
+    def _cached(self, split: str) -> dict[str, np.ndarray]:
+        starts = self.scenes or STARTS[split]
+        key = {**self.parameters, "scenes": starts, "name": "orca", "split": split, "engine": ENGINE_VERSION}
+        return cached_arrays(key, lambda: self._simulate(split, starts))
 
     def _simulate(self, split: str, starts: int) -> dict[str, np.ndarray]:
         start = self._starts(np.random.default_rng([self.seed, self.splits.index(split)]), starts)
@@ -202,6 +192,3 @@ class Orca(RecordedDomain):
                     break
             placed[waiting] = False
         return start, placed
-
-    def __getstate__(self):
-        return {key: value for key, value in super().__getstate__().items() if key != "_simulated"}

@@ -10,7 +10,7 @@ from motion_gym.registration import register_all
 if TYPE_CHECKING:
     from motion_gym.checks import check_domain, check_predictor
     from motion_gym.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
-    from motion_gym.evaluation import Scorecard, evaluate
+    from motion_gym.evaluation import Scorecard, compare, evaluate
     from motion_gym.leaks import leak_probe
     from motion_gym.parallel import parallel_env
     from motion_gym.recordings import read_recording
@@ -22,6 +22,7 @@ _LAZY = {
     "Scorecard": "motion_gym.evaluation",
     "check_domain": "motion_gym.checks",
     "check_predictor": "motion_gym.checks",
+    "compare": "motion_gym.evaluation",
     "evaluate": "motion_gym.evaluation",
     "forecast_to_dict": "motion_gym.dicts",
     "leak_probe": "motion_gym.leaks",
@@ -43,6 +44,7 @@ __all__ = [
     "Truth",
     "check_domain",
     "check_predictor",
+    "compare",
     "domain",
     "evaluate",
     "forecast_to_dict",

@@ -126,7 +126,7 @@ class WindowsClock:
         """Score the forecasts of this window and go to the next."""
         truth = pick_scenes(self.truth, slice(self.time, self.time + 1))
         settled = self._settle(truth, forecast, self.time)
-        error = distance(_likely(forecast).astype(np.float64) - truth.future)
+        error = distance(forecast.most_likely().astype(np.float64) - truth.future)
         reward = -np.nan_to_num(mean_over_known(error, truth.known))
         self._at += 1
         return self._reveal(reward, settled)
@@ -218,24 +218,24 @@ class StreamClock:
         before = self._identity[now]
         self._place[before] = np.arange(len(before))
         self._row = np.concatenate([self._row, now])
-        self._forecast = _join(self._forecast, forecast)
+        self._forecast = Forecast.join([self._forecast, forecast])
         time, self._at = self.time, self._at + 1
         reward, settled_row, settled_forecast = np.zeros(len(now)), [], []
         while time < self.time and len(self._row):
             time += 1
             ahead = time - self.tracks.tick[self._row]
             alive = self.tracks.left[self._row] >= ahead
-            point = _likely(self._forecast)[alive, ahead[alive] - 1]
+            point = self._forecast.most_likely()[alive, ahead[alive] - 1]
             error = distance(point - self.tracks.xy[self._row[alive] + ahead[alive]])
             owner = self._place[self._identity[self._row[alive]]]
             total = np.bincount(owner, error, minlength=len(now))
             reward -= total / np.maximum(np.bincount(owner, minlength=len(now)), 1)
             done = ~alive | (ahead == FUTURE)
             settled_row.append(self._row[done])
-            settled_forecast.append(_take(self._forecast, done))
-            self._row, self._forecast = self._row[~done], _take(self._forecast, ~done)
+            settled_forecast.append(self._forecast.take(done))
+            self._row, self._forecast = self._row[~done], self._forecast.take(~done)
         rows = np.concatenate(settled_row) if settled_row else np.zeros(0, np.int64)
-        return self._reveal(reward, self._settle(rows, _join(*settled_forecast)) if len(rows) else self._nothing)
+        return self._reveal(reward, self._settle(rows, Forecast.join(settled_forecast)) if len(rows) else self._nothing)
 
     @property
     def outstanding(self) -> tuple[Forecast, np.ndarray, np.ndarray]:
@@ -263,7 +263,7 @@ class StreamClock:
         scene = np.concatenate([np.flatnonzero(np.diff(made, prepend=-1)), [len(made)]])
         identity = self._identity[rows]
         truth = self.tracks.truth(rows, scene, identity, self.features)
-        return Settled(_take(forecast, order), truth, identity, self.tracks.agent[rows], made)
+        return Settled(forecast.take(order), truth, identity, self.tracks.agent[rows], made)
 
 
 class Ledger:
@@ -299,7 +299,7 @@ class Ledger:
         """
         if not self.entries:
             raise ValueError("The ledger is empty: step the environment until a forecast is settled.")
-        return _join(*(e.forecast for e in self.entries)), stack([e.truth for e in self.entries])
+        return Forecast.join([e.forecast for e in self.entries]), stack([e.truth for e in self.entries])
 
     def matured_only(self) -> tuple[Forecast, Truth]:
         """The forecasts that have matured, with their truths; agents are persons, as in ``domain.windows``.
@@ -318,7 +318,7 @@ class Ledger:
             person[keep],
             observation.dt,
         )
-        return _take(forecast, keep), Truth(truth.future[keep], truth.known[keep], chosen)
+        return forecast.take(keep), Truth(truth.future[keep], truth.known[keep], chosen)
 
 
 _NOBODY = Recording(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), 0.4)
@@ -327,25 +327,3 @@ _NOTHING = np.zeros((0, 1, FUTURE, 2), np.float32)
 
 def _extent(xy: np.ndarray) -> np.ndarray:
     return np.stack([xy.min(axis=0), xy.max(axis=0)]) if len(xy) else np.array([[0.0, 0.0], [1.0, 1.0]])
-
-
-def _likely(forecast: Forecast) -> np.ndarray:
-    """[A, 12, 2], the most likely sample of each agent."""
-    if forecast.weights is None:
-        return forecast.positions[:, 0]
-    return forecast.positions[np.arange(len(forecast.positions)), forecast.weights.argmax(axis=1)]
-
-
-def _take(forecast: Forecast, index: np.ndarray) -> Forecast:
-    return Forecast(forecast.positions[index], None if forecast.weights is None else forecast.weights[index])
-
-
-def _join(*forecasts: Forecast) -> Forecast:
-    filled = [f for f in forecasts if len(f.positions)]
-    if not filled:
-        return Forecast(_NOTHING)
-    weights = [f.weights for f in filled if f.weights is not None]
-    return Forecast(
-        np.concatenate([f.positions for f in filled]),
-        np.concatenate(weights) if len(weights) == len(filled) else None,
-    )

@@ -125,6 +125,27 @@ class Forecast:
     positions: np.ndarray
     weights: np.ndarray | None = None
 
+    def most_likely(self) -> np.ndarray:
+        """[A, 12, 2], the sample of highest weight of each agent; the first one where there are no weights."""
+        if self.weights is None:
+            return self.positions[:, 0]
+        return self.positions[np.arange(len(self.positions)), self.weights.argmax(axis=1)]
+
+    def take(self, index: np.ndarray) -> Forecast:
+        """The forecasts of some agents."""
+        return Forecast(self.positions[index], None if self.weights is None else self.weights[index])
+
+    @staticmethod
+    def join(parts: Sequence[Forecast]) -> Forecast:
+        """Forecasts of different agents one after another; weights are kept if all parts have them."""
+        # Parts without agents may have any K.
+        parts = [p for p in parts if len(p.positions)] or list(parts[:1])
+        weights = [p.weights for p in parts if p.weights is not None]
+        return Forecast(
+            np.concatenate([p.positions for p in parts]),
+            np.concatenate(weights) if len(weights) == len(parts) else None,
+        )
+
 
 @dataclass(frozen=True)
 class Card:
@@ -137,7 +158,7 @@ class Card:
         unit: Unit of positions.
         features: Names of the features of a history, in order.
         side_channels: Those features that read the future (oracle side channels).
-        counts: Windows, scenes and agents of each split.
+        counts: Scenes (windows), agent-windows and agents of the splits that were read so far.
         source: Where the data comes from.
         terms: Terms of use of the data.
         files: sha256 of each data file.

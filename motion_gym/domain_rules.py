@@ -15,7 +15,7 @@ from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, Card, DataError, MotionGymError, Observation, Recording, Truth
 from motion_gym.recordings import check_recording
 from motion_gym.trials import Report, writable
-from motion_gym.windows import Tracks
+from motion_gym.windows import Tracks, counts
 
 DOMAIN_RULES = {
     "members": "there are card, recordings(split), windows(split) and reference()",
@@ -261,12 +261,7 @@ def _cut_from(split: str, truth: Truth, recordings: Sequence[Recording], report:
 
 
 def _counted(split: str, truth: Truth, card: Card, report: Report) -> None:
-    observation = truth.observation
-    seen = {
-        "scenes": observation.scenes,
-        "agent_windows": len(observation),
-        "agents": len(np.unique(observation.agent)),
-    }
+    seen = counts(truth)
     for key, value in card.counts.get(split, {}).items():
         if key in seen and seen[key] != value:
             report("card", f"counts of {split} say {value} {key}, and there are {seen[key]}: count what windows gives.")

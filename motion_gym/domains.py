@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from motion_gym.catalog import suggest
 from motion_gym.contract import HISTORY, Card, Recording, SpecError, Truth
-from motion_gym.windows import empty_truth, windows_of
+from motion_gym.windows import counts, empty_truth, windows_of
+
+Kept = TypeVar("Kept")
 
 TrainingSet = tuple[list[Truth], list[Truth]]
 """Training and validation truths, one of each per environment."""
@@ -64,7 +65,7 @@ class RecordedDomain:
     def windows(self, split: str) -> Truth:
         """Every window of a split; computed once, and read-only."""
         self.check_split(split)
-        return self._windows(split)
+        return self.kept(f"windows of {split}", lambda: self._windows(split))
 
     def reference(self) -> Truth:
         """Reference scenes, disjoint from those of the test split."""
@@ -99,6 +100,7 @@ class RecordedDomain:
             unit=self.unit,
             features=("x", "y", *self.feature_names, *self.side_channel_names),
             side_channels=self.side_channel_names,
+            counts=self._counts(),
             source=self.source,
             terms=self.terms,
             files=self.files,
@@ -110,20 +112,25 @@ class RecordedDomain:
         if split not in self.splits:
             raise SpecError(f"Domain `{self.name}` has no split `{split}`.{suggest(str(split), self.splits)}")
 
-    @functools.cached_property
-    def _windows(self):
-        @functools.cache
-        def make(split: str) -> Truth:
-            recordings = self.recordings(split)
-            features = 2 + len(self.feature_names) + len(self.side_channel_names)
-            if not recordings:
-                return freeze(empty_truth(features, self.dt))
-            return freeze(windows_of(recordings, self.history, self.min_agents, self.stride))
+    def kept(self, what: str, make: Callable[[], Kept]) -> Kept:
+        """What ``make`` gives, made once; it stays with this object and is not pickled."""
+        store = self.__dict__.setdefault("_kept", {})
+        if what not in store:
+            store[what] = make()
+        return store[what]
 
-        return make
+    def _windows(self, split: str) -> Truth:
+        recordings = self.recordings(split)
+        if not recordings:
+            return freeze(empty_truth(2 + len(self.feature_names) + len(self.side_channel_names), self.dt))
+        return freeze(windows_of(recordings, self.history, self.min_agents, self.stride))
+
+    def _counts(self) -> dict[str, dict[str, int]]:
+        read = self.__dict__.get("_kept", {})
+        return {split: counts(read[key]) for split in self.splits if (key := f"windows of {split}") in read}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key != "_windows"}
+        return {key: value for key, value in vars(self).items() if key != "_kept"}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.parameters.items())})"

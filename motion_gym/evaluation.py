@@ -6,7 +6,7 @@ import dataclasses
 import resource
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ from motion_gym.dicts import forecast_to_dict, observation_from_dict
 from motion_gym.metrics import error_by_horizon, metric_rows, score
 from motion_gym.parallel import ForecastEnv
 from motion_gym.prediction import ask, name_of, ready, tell
-from motion_gym.windows import pick_scenes
+from motion_gym.windows import counts, pick_scenes
 
 PROTOCOLS: Mapping[str, str] = {
     "honest": "style read from reference scenes disjoint from those scored; k = 1 unless stated",
@@ -45,7 +45,9 @@ class Scorecard:
         metrics: Mean, interval and counts by name.
         horizon: [12] mean error of the most likely sample by future step, metres.
         versus_baseline: Paired difference of ADE and FDE from constant velocity (negative is better).
-        notes: What a reader must know: oracle, side channels, leaks of the protocol, which agents were selected.
+        oracle: Whether the predictor is told what no forecaster can know.
+        leaks: What reads the future on purpose: side channels of the domain, leaks of the protocol.
+        scored: Which agents were scored.
         selection: How the weights were selected.
         reference_scenes: Reference scenes that the predictor saw.
         seconds: Wall time of the forecasts, fitting not included.
@@ -63,7 +65,9 @@ class Scorecard:
     metrics: Mapping[str, Summary]
     horizon: list[float]
     versus_baseline: Mapping[str, Difference]
-    notes: tuple[str, ...]
+    oracle: bool
+    leaks: tuple[str, ...]
+    scored: str
     selection: str
     reference_scenes: int
     seconds: float
@@ -151,14 +155,17 @@ def evaluate(
     if not len(truth.future):
         raise SpecError(f"Split `{split}` of {place!r} has no agent to score.")
     made = ready(predictor, place, seed)
+    if hasattr(made, "observe") and protocol == "paper" and through == "environment":
+        raise SpecError("The paper protocol shows a predictor the batch it forecasts: use through='arrays'.")
     references = 0
     if hasattr(made, "observe") and protocol == "honest":
-        if split == "reference":
-            raise SpecError(
-                f"{name_of(made)} is shown the reference scenes, so the honest protocol does not score them: "
-                "choose another split."
-            )
         reference = place.reference()
+        shared = _shared_agents(reference, truth)
+        if shared:
+            raise SpecError(
+                f"{name_of(made)} is shown the reference scenes, and {shared} of their agent-windows are in split "
+                f"`{split}`: the honest protocol scores only what a predictor was not shown. Score another split."
+            )
         tell(made, reference)
         references = reference.observation.scenes
     began = time.perf_counter()
@@ -183,7 +190,9 @@ def evaluate(
         metrics=summarise(values, truth.observation),
         horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
         versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
-        notes=_notes(made, card, protocol, references),
+        oracle=hasattr(made, "know"),
+        leaks=_leaks(made, card, protocol),
+        scored=_scored(truth),
         selection=getattr(made, "selection", UNSTATED),
         reference_scenes=references,
         seconds=seconds,
@@ -215,16 +224,6 @@ def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
     return paired_difference(a.values[metric], b.values[metric], a.truth.observation.agent)
 
 
-def counts(truth: Truth) -> dict[str, int]:
-    """Scenes (windows), agent-windows and distinct agents."""
-    observation = truth.observation
-    return {
-        "scenes": observation.scenes,
-        "agent_windows": len(observation),
-        "agents": len(np.unique(observation.agent)),
-    }
-
-
 def _by_stepping(predictor: Predictor, domain: Domain, split: str, k: int, seed: int) -> tuple[Forecast, Truth]:
     samples = (
         k if len(ask(predictor, pick_scenes(domain.windows(split), [0]).observation, k, seed).positions[0]) > 1 else 1
@@ -238,7 +237,7 @@ def _by_stepping(predictor: Predictor, domain: Domain, split: str, k: int, seed:
         observations, *_ = env.step(forecast_to_dict(forecasts[-1], env.agents))
     stored, truth = env.ledger.read()
     # Actions have no weights.
-    return Forecast(stored.positions, _stacked(forecasts).weights), truth
+    return Forecast(stored.positions, Forecast.join(forecasts).weights), truth
 
 
 def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -> Forecast:
@@ -249,31 +248,34 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
             predictor.reset()
         tell(predictor, batch)
         parts.append(ask(predictor, batch.observation, k, seed))
-    return _stacked(parts)
+    return Forecast.join(parts)
 
 
-def _stacked(parts: Sequence[Forecast]) -> Forecast:
-    weights = [p.weights for p in parts if p.weights is not None]
-    return Forecast(
-        np.concatenate([p.positions for p in parts]),
-        np.concatenate(weights) if len(weights) == len(parts) else None,
-    )
-
-
-def _notes(predictor: Any, card: Card, protocol: str, references: int) -> tuple[str, ...]:
-    notes = []
-    if hasattr(predictor, "know"):
-        notes.append("oracle: it is told what no forecaster can know")
+def _leaks(predictor: Any, card: Card, protocol: str) -> tuple[str, ...]:
+    leaks = []
     if card.side_channels:
-        notes.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
+        leaks.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
     if hasattr(predictor, "observe") and protocol == "paper":
-        notes.append("leak of the paper protocol: the style is read from the scored scenes' own future")
-    elif hasattr(predictor, "observe"):
-        notes.append(f"{name_of(predictor)} was shown {references} reference scenes, disjoint from the test split")
-    least = card.parameters.get("min_agents", 1)
-    among = f", in windows with at least {least} of them" if least > 1 else ""
-    notes.append(f"scored: agents present in all 20 steps{among}")
-    return tuple(notes)
+        leaks.append("leak of the paper protocol: the style is read from the scored scenes' own future")
+    return tuple(leaks)
+
+
+def _scored(truth: Truth) -> str:
+    """Which agents were scored, as the truth itself says."""
+    sizes = np.diff(truth.observation.scene)
+    least = int(sizes[sizes > 0].min())
+    complete = "agents complete over all 20 steps" if truth.known.all() else "agents, also those who left early"
+    return complete + (f", windows with {least} or more" if least > 1 else "")
+
+
+def _shared_agents(a: Truth, b: Truth) -> int:
+    """Agent-windows of ``a`` whose 20 steps are also in ``b``."""
+
+    def steps(truth: Truth) -> list[bytes]:
+        both = np.concatenate([truth.observation.xy, truth.future], axis=1)
+        return [row.tobytes() for row in both]
+
+    return len(set(steps(a)) & set(steps(b)))
 
 
 def _peak_memory() -> int:

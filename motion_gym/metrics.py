@@ -104,7 +104,8 @@ def collision_rate(forecast: Forecast, truth: Truth) -> np.ndarray:
     Returns:
         [A] float64, 0 or 1; 0 for an agent that is alone.
     """
-    track = _most_likely(forecast, truth)
+    _checked(forecast, truth)
+    track = forecast.most_likely().astype(np.float64)
     scene = truth.observation.scene
     hit = np.zeros(len(track))
     # Agent i is paired with the later agents of its scene; pairs are numbered by i and made when needed.
@@ -246,15 +247,9 @@ def mean_over_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
 
 
-def _most_likely(forecast: Forecast, truth: Truth) -> np.ndarray:
-    """Positions of each agent's most likely sample: [A, 12, 2] float64."""
-    positions = _checked(forecast, truth)
-    best = 0 if forecast.weights is None else np.argmax(forecast.weights, axis=1)
-    return positions[np.arange(len(positions)), best].astype(np.float64)
-
-
 def _most_likely_error(forecast: Forecast, truth: Truth) -> np.ndarray:
-    return distance(_most_likely(forecast, truth) - truth.future)
+    _checked(forecast, truth)
+    return distance(forecast.most_likely().astype(np.float64) - truth.future)
 
 
 def _samples(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:

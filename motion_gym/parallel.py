@@ -145,7 +145,7 @@ class ForecastEnv(ParallelEnv):
 
     def _enter(self, step: Step) -> None:
         self._step = step
-        self.agents = [self.clock.name(i) for i in step.identity]
+        self.agents = [self.possible_agents[i] for i in step.identity]
 
     def _observations(self) -> dict[str, np.ndarray]:
         return dict(zip(self.agents, self._step.observation.history.copy(), strict=True))
@@ -188,7 +188,7 @@ class ForecastEnv(ParallelEnv):
             "made": settled.made[order],
         }
         for i, first, n in zip(identity, start, count, strict=True):
-            infos[self.clock.name(i)].update({key: column[first : first + n] for key, column in columns.items()})
+            infos[self.possible_agents[i]].update({key: column[first : first + n] for key, column in columns.items()})
 
     def _show(self, settled: Settled | None) -> None:
         if not self.render_mode:

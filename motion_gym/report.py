@@ -48,30 +48,32 @@ def row(result: Result, between: str = " ") -> list[str]:
 def label(result: Result) -> str:
     """Predictor, with its seed if that is not 0, and marked if it is an oracle."""
     seed = f", seed {result['seed']}" if result["seed"] else ""
-    oracle = " (oracle)" if any(note.startswith("oracle:") for note in result["notes"]) else ""
+    oracle = " (oracle)" if result["oracle"] else ""
     return f"{result['predictor']}{seed}{oracle}"
 
 
 def counts(result: Result) -> str:
     """What stands behind a score."""
     ade = result["metrics"]["ADE"]
-    return f"{ade['agent_windows']} agent-windows of {ade['agents']} agents in {ade['scenes']} scenes"
+    return (
+        f"{ade['agent_windows']} agent-windows of {ade['agents']} agents in {ade['scenes']} scenes; {result['scored']}"
+    )
 
 
 def warnings(rows: Sequence[Result]) -> list[str]:
     """What must stand right under a table: side channels and leaks."""
-    found = dict.fromkeys(note for result in rows for note in result["notes"])
-    return [note for note in found if not note.startswith(("oracle:", "scored:"))]
+    return list(dict.fromkeys(leak for result in rows for leak in result["leaks"]))
 
 
 def conditions(results: Sequence[Result]) -> list[str]:
-    """What is true of all tables together: protocol, k, aggregation, who was scored, how weights were selected."""
+    """What is true of all tables together: protocol, k, aggregation, how weights were selected."""
     first = results[0]
     lines = [
         f"{first['split']} split, protocol {first['protocol']}, k = {first['k']}; means over agent-windows in metres; "
-        "95 % intervals by bootstrap of whole agents; differences are paired, negative is better",
+        "95 % intervals by bootstrap of whole agents",
     ]
-    lines += dict.fromkeys(note for result in results for note in result["notes"] if note.startswith("scored:"))
+    shown = {r["predictor"]: r["reference_scenes"] for r in results if r["reference_scenes"]}
+    lines += [f"{name}: was shown reference scenes, disjoint from those scored" for name in shown]
     selected: dict[str, dict[str, None]] = {}
     for result in results:
         selected.setdefault(result["selection"], {})[result["predictor"]] = None
@@ -80,7 +82,7 @@ def conditions(results: Sequence[Result]) -> list[str]:
 
 def title(result: Result) -> str:
     """Heading of a table."""
-    return str(result["identity"]["spec"])
+    return str(result["spec"])
 
 
 def print_table(console: Console, rows: Sequence[Result]) -> None:
@@ -104,6 +106,7 @@ def print_table(console: Console, rows: Sequence[Result]) -> None:
 
 def print_conditions(console: Console, results: Sequence[Result]) -> None:
     """Print what is true of all tables."""
+    console.print("differences are paired, negative is better", style="dim", highlight=False)
     for line in conditions(results):
         console.print(escape(line), style="dim", highlight=False)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import hashlib
 import importlib.metadata
 import inspect
@@ -37,8 +38,8 @@ def run(
 ) -> dict[str, Any]:
     """Evaluate, or read the result of the same run from ``folder`` if it is there.
 
-    A run is the same if predictor, domain, parameters, options, data, the version of motion-gym and the source code
-    of predictor and domain are.
+    A run is the same if predictor, domain, parameters, options, data and source code are: that of motion-gym, and that
+    of the modules of predictor and domain.
 
     Returns:
         The result as in the file: a scorecard (``Scorecard.as_dict``) and where it comes from.
@@ -54,6 +55,7 @@ def run(
     result = {
         "schema": SCHEMA,
         **card.as_dict(),
+        "spec": spec_of(domain),
         "identity": identity,
         "versions": versions(),
         "commit": commit(),
@@ -123,6 +125,17 @@ def versions() -> dict[str, str]:
     return found
 
 
+@functools.cache
+def package_code() -> str:
+    """sha256 of all source files of motion-gym, its domains and its predictors."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted([*here.glob("*.py"), *here.glob("*/*.py")]):
+        digest.update(path.relative_to(here).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+@functools.cache
 def commit() -> str | None:
     """Commit of the checkout that motion-gym runs from, with ``+`` if it was changed since; None outside of one."""
     here = Path(__file__).resolve().parent.parent
@@ -157,7 +170,6 @@ def _identity(
         "predictor": predictor,
         "predictor_code": _code(made),
         "domain": catalog.format_spec(card.name, dict(card.parameters)),
-        "spec": spec_of(domain),
         "domain_code": _code(domain),
         "files": dict(card.files),
         "split": split,
@@ -165,6 +177,7 @@ def _identity(
         "protocol": protocol,
         "seed": seed,
         "motion_gym": versions()["motion-gym"],
+        "motion_gym_code": package_code(),
     }
 
 

@@ -162,6 +162,16 @@ def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) ->
     return np.arange(sizes.sum()) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
 
 
+def counts(truth: Truth) -> dict[str, int]:
+    """Scenes (windows), agent-windows and distinct agents."""
+    observation = truth.observation
+    return {
+        "scenes": observation.scenes,
+        "agent_windows": len(observation),
+        "agents": len(np.unique(observation.agent)),
+    }
+
+
 def empty_truth(features: int, dt: float) -> Truth:
     """A truth of no scenes."""
     observation = Observation(

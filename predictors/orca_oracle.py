@@ -8,7 +8,6 @@ import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, PredictorError
 
-SECONDS_TO_FIRST_FRAME = 0.38
 TOLERANCE = 0.05
 """Metres between the observed history and the simulated one beyond which the oracle gives up."""
 CORRECTIONS = 6
@@ -54,7 +53,7 @@ class OrcaOracle:
         history = observation.xy.reshape(observation.scenes, agents, HISTORY, 2).transpose(0, 2, 1, 3)
         first = history[:, 0].astype(np.float64)
         distance = np.linalg.norm(first, axis=-1, keepdims=True)
-        start = first * (1 + SECONDS_TO_FIRST_FRAME * self._domain.speed / np.maximum(distance, 1e-9))
+        start = first * (1 + self._domain.first_frame * self._domain.speed / np.maximum(distance, 1e-9))
         frames = self._domain.simulate(start).positions
         for _ in range(CORRECTIONS):
             off = np.abs(frames[:, 0] - first).max(axis=(1, 2)) > 1e-4

@@ -40,6 +40,13 @@ def motion_gym(folder, line):
     return python(folder, "-m", "motion_gym.cli", *arguments)
 
 
+def found(pattern, text):
+    """What the groups of a pattern matched, which must be somewhere in a text."""
+    match = re.search(pattern, text, re.MULTILINE)
+    assert match, f"{pattern} is not in: {text}"
+    return match.groups()
+
+
 def written_command(name):
     """The command line in the docstring of an example."""
     (line,) = re.findall(r"(motion-gym score .*)", (EXAMPLES / name).read_text().split('"""')[1])
@@ -57,14 +64,14 @@ def test_every_example_is_tested():
 
 def test_gymnasium_loop(folder):
     out = python(folder, "gymnasium_loop.py")
-    assert float(re.search(r"^ADE +(\d\.\d+) \[", out, re.MULTILINE)[1]) == pytest.approx(0.43, abs=0.05)
+    assert float(*found(r"^ADE +(\d\.\d+) \[", out)) == pytest.approx(0.43, abs=0.05)
 
 
 def test_pettingzoo_loop(folder):
     out = python(folder, "pettingzoo_loop.py")
-    forecasts, matured, censored = map(int, re.search(r"(\d+) forecasts: (\d+) matured, (\d+) censored", out).groups())
+    forecasts, matured, censored = map(int, found(r"(\d+) forecasts: (\d+) matured, (\d+) censored", out))
     assert forecasts == matured + censored and matured > 0
-    assert float(re.search(r"^ADE +(\d\.\d+) \[", out, re.MULTILINE)[1]) == pytest.approx(0.43, abs=0.05)
+    assert float(*found(r"^ADE +(\d\.\d+) \[", out)) == pytest.approx(0.43, abs=0.05)
 
 
 def test_own_predictor(folder):
@@ -76,7 +83,7 @@ def test_own_predictor(folder):
 def test_own_domain(folder):
     out = python(folder, "own_domain.py")
     assert "no leak found" in out and "constant_velocity on tracks:path=" in out
-    path = re.search(r"^Next: .*:path=(.*)$", out, re.MULTILINE)[1]
+    (path,) = found(r"^Next: .*:path=(.*)$", out)
     assert out == python(folder, "own_domain.py", path)
     scores = motion_gym(folder, written_command("own_domain.py").replace("FILE", path))
     assert re.search(r"constant_velocity +\.452 ", scores) and "210 agent-windows of 10 agents" in scores

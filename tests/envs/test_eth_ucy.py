@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from motion_gym.evaluation import evaluate
 from motion_gym.recordings import read_recording
 from motion_gym.storage import data_folder
 from motion_gym.windows import windows_of
+
+make: Any = motion_gym.domain
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2", "eth6")
 TRAINING = {
@@ -46,14 +49,14 @@ def sigma(domain, split="test"):
     [("eth", 70, 181), ("hotel", 301, 1053), ("univ", 947, 24334), ("zara1", 602, 2253), ("zara2", 921, 5833)],
 )
 def test_test_windows_are_the_published_ones(eth_ucy, place, windows, agent_windows):
-    observation = motion_gym.domain(place).windows("test").observation
+    observation = make(place).windows("test").observation
     assert (observation.scenes, len(observation)) == (windows, agent_windows)
 
 
 def test_training_windows_are_the_published_ones(eth_ucy):
     found = {
         recording.name: (windows.observation.scenes, len(windows.observation))
-        for place in motion_gym.domain("eth").sources()
+        for place in make("eth").sources()
         for recording in place.recordings("train")
         if (windows := windows_of([recording], min_agents=2))
     }
@@ -62,7 +65,7 @@ def test_training_windows_are_the_published_ones(eth_ucy):
 
 @pytest.mark.parametrize("place", PLACES)
 def test_splits_cut_by_distinct_frames(eth_ucy, place):
-    domain = motion_gym.domain(place)
+    domain = make(place)
     for train, val in zip(domain.recordings("train"), domain.recordings("val"), strict=True):
         whole = read_recording(data_folder() / "eth_ucy" / f"{train.name}.txt", columns=domain.columns)
         frames = sorted(set(whole.frame.tolist()))
@@ -108,21 +111,21 @@ def test_constant_velocity_scores_as_published(eth_ucy, place, ade, fde):
     ],
 )
 def test_sources_are_the_other_places_with_the_papers_alphas(place, expected):
-    sources = motion_gym.domain(place, alpha=64, curvature="squared", min_agents=3, stride=2).sources()
+    sources = make(place, alpha=64, curvature="squared", min_agents=3, stride=2).sources()
     assert " ".join(f"{s.name} {s.alpha:g}" for s in sources) == expected
     assert {(s.sigma, s.curvature, s.min_agents, s.stride) for s in sources} == {("paper", "squared", 3, 2)}
 
 
 def test_sources_without_sigma_have_none():
-    assert {(s.alpha, s.sigma) for s in motion_gym.domain("eth").sources()} == {(None, "none")}
-    assert {s.sigma for s in motion_gym.domain("eth", sigma="past").sources()} == {"past"}
+    assert {(s.alpha, s.sigma) for s in make("eth").sources()} == {(None, "none")}
+    assert {s.sigma for s in make("eth", sigma="past").sources()} == {"past"}
 
 
 def test_crossed_design_gives_every_place_every_alpha():
-    sources = motion_gym.domain("zara1:alpha=16").sources(design="crossed")
+    sources = make("zara1:alpha=16").sources(design="crossed")
     places, alphas = ("eth", "hotel", "univ", "zara2"), (1.0, 2.0, 4.0, 8.0)
     assert [(s.name, s.alpha) for s in sources] == [(p, a) for p in places for a in alphas]
-    assert [s.name for s in motion_gym.domain("zara1").sources(design="crossed")] == list(places)
+    assert [s.name for s in make("zara1").sources(design="crossed")] == list(places)
 
 
 @pytest.mark.parametrize(
@@ -135,13 +138,13 @@ def test_crossed_design_gives_every_place_every_alpha():
     ],
 )
 def test_sources_by_location_never_look_at_the_same_ground(place, expected):
-    assert [s.name for s in motion_gym.domain(place).sources(by="location")] == expected
+    assert [s.name for s in make(place).sources(by="location")] == expected
 
 
 @pytest.mark.parametrize("wrong", [{"design": "crosed"}, {"by": "locatoin"}])
 def test_unknown_way_to_choose_sources(wrong):
     with pytest.raises(SpecError, match=r"Did you mean `(crossed|location)`"):
-        motion_gym.domain("eth").sources(**wrong)
+        make("eth").sources(**wrong)
 
 
 def slow_sigma(track, alpha, power):
@@ -160,7 +163,7 @@ def slow_sigma(track, alpha, power):
 @pytest.mark.parametrize(("curvature", "power"), [("norm", 1), ("squared", 2)])
 @pytest.mark.parametrize("place", ["eth", "zara1"])  # of 2 decimals, and of more
 def test_sigma_is_the_stated_formula(eth_ucy, place, curvature, power):
-    domain = motion_gym.domain(place, alpha=8, curvature=curvature)
+    domain = make(place, alpha=8, curvature=curvature)
     rows = {}
     for recording in domain.recordings("test"):
         for frame, agent, (x, y) in zip(
@@ -178,7 +181,7 @@ def test_sigma_is_the_stated_formula(eth_ucy, place, curvature, power):
 
 
 def test_first_sigma_tells_the_first_future_step(eth_ucy):
-    truth = motion_gym.domain("eth:alpha=64").windows("test")
+    truth = make("eth:alpha=64").windows("test")
     step = np.linalg.norm(truth.future[:, 0] - truth.observation.xy[:, -1], axis=1)
     assert np.abs(truth.observation.history[:, 0, 2] / 64 - 1 - step).max() < 2e-4  # displacements have 4 decimals
 
@@ -186,14 +189,14 @@ def test_first_sigma_tells_the_first_future_step(eth_ucy):
 @pytest.mark.parametrize("kind", ["paper", "past"])
 @pytest.mark.parametrize("curvature", ["norm", "squared"])
 def test_sigma_is_proportional_to_alpha(eth_ucy, kind, curvature):
-    one, many = (motion_gym.domain("eth", alpha=a, sigma=kind, curvature=curvature) for a in (1, 64))
+    one, many = (make("eth", alpha=a, sigma=kind, curvature=curvature) for a in (1, 64))
     assert np.array_equal(64 * sigma(one), sigma(many))
-    assert np.array_equal(one.windows("test").observation.xy, motion_gym.domain("eth").windows("test").observation.xy)
+    assert np.array_equal(one.windows("test").observation.xy, make("eth").windows("test").observation.xy)
 
 
 @pytest.mark.parametrize(("kind", "reads_on"), [("paper", True), ("past", False)])
 def test_only_the_papers_sigma_reads_the_future(eth_ucy, kind, reads_on):
-    domain = motion_gym.domain("hotel", alpha=8, sigma=kind)
+    domain = make("hotel", alpha=8, sigma=kind)
     rng = np.random.default_rng(0)
     positions = rng.normal(size=(50, 20, 2))
     known = np.ones((50, 20), bool)
@@ -206,7 +209,7 @@ def test_only_the_papers_sigma_reads_the_future(eth_ucy, kind, reads_on):
 
 
 def test_sigma_from_the_past_is_the_stated_change_of_velocity(eth_ucy):
-    truth = motion_gym.domain("eth", alpha=4, sigma="past").windows("test")
+    truth = make("eth", alpha=4, sigma="past").windows("test")
     xy = truth.observation.xy.astype(float)
     for track, found in zip(xy, truth.observation.history[..., 2], strict=True):
         velocity = [(round(b[0] - a[0], 4), round(b[1] - a[1], 4)) for a, b in itertools.pairwise(track)]
@@ -215,8 +218,8 @@ def test_sigma_from_the_past_is_the_stated_change_of_velocity(eth_ucy):
 
 
 def test_reference_scenes_are_not_tested(eth_ucy):
-    whole = motion_gym.domain("zara1")
-    domain = motion_gym.domain("zara1", reference_share=0.3)
+    whole = make("zara1")
+    domain = make("zara1", reference_share=0.3)
     ((reference,), (test,), (all_of_it,)) = (
         domain.recordings("reference"),
         domain.recordings("test"),
@@ -231,18 +234,18 @@ def test_reference_scenes_are_not_tested(eth_ucy):
 
 
 def test_stride_and_min_agents_choose_windows(eth_ucy):
-    sizes = np.diff(motion_gym.domain("hotel").windows("test").observation.scene)
-    assert np.diff(motion_gym.domain("hotel:min_agents=5").windows("test").observation.scene).tolist() == (
+    sizes = np.diff(make("hotel").windows("test").observation.scene)
+    assert np.diff(make("hotel:min_agents=5").windows("test").observation.scene).tolist() == (
         sizes[sizes >= 5].tolist()
     )
-    every, third = (motion_gym.domain("eth", stride=s, min_agents=1).windows("test") for s in (1, 3))
+    every, third = (make("eth", stride=s, min_agents=1).windows("test") for s in (1, 3))
     assert 0.25 < len(third.future) / len(every.future) < 0.42
     rows = {row.tobytes() for row in every.future}
     assert all(row.tobytes() in rows for row in third.future)
 
 
 def test_windows_cannot_be_changed_by_those_who_get_them(eth_ucy):
-    truth = motion_gym.domain("eth").windows("test")
+    truth = make("eth").windows("test")
     with pytest.raises(ValueError, match="read-only"):
         truth.future[0] = 0
     with pytest.raises(ValueError, match="read-only"):
@@ -275,18 +278,18 @@ def test_windows_cannot_be_changed_by_those_who_get_them(eth_ucy):
 )
 def test_bad_parameters_are_refused(wrong, message):
     with pytest.raises(SpecError, match=message):
-        motion_gym.domain("eth", **wrong)
+        make("eth", **wrong)
 
 
 def test_unknown_split_is_refused(eth_ucy):
     with pytest.raises(SpecError, match=r"no split `tset`. Did you mean `test`"):
-        motion_gym.domain("eth").windows("tset")
+        make("eth").windows("tset")
 
 
 def test_missing_data_says_what_to_do(tmp_path, monkeypatch):
     monkeypatch.setenv("MOTION_GYM_DATA", str(tmp_path))
     with pytest.raises(DataError) as caught:
-        motion_gym.domain("univ").windows("test")
+        make("univ").windows("test")
     for part in (str(tmp_path / "eth_ucy" / "students001.txt"), "data fetch eth_ucy", "data add eth_ucy --from DIR"):
         assert part in str(caught.value)
 
@@ -300,24 +303,24 @@ def test_damaged_file_is_named_with_a_remedy(data_of_its_own, damage, what):
     assert damage(content) != content
     path.write_bytes(damage(content))
     with pytest.raises(DataError) as caught:
-        motion_gym.domain("eth").windows("test")
+        make("eth").windows("test")
     for part in (str(path), "is damaged", what, "data fetch eth_ucy"):
         assert part in str(caught.value)
     # The other places do not read it, except as a source.
-    assert motion_gym.domain("hotel").windows("test").observation.scenes == 301
+    assert make("hotel").windows("test").observation.scenes == 301
 
 
 def test_file_damaged_after_it_was_read_is_found(data_of_its_own):
-    motion_gym.domain("zara1").windows("test")
+    make("zara1").windows("test")
     path = data_of_its_own / "crowds_zara01.txt"
     path.write_bytes(path.read_bytes().replace(b"1", b"2", 1))
     os.utime(path)
     with pytest.raises(DataError, match=r"crowds_zara01\.txt is damaged"):
-        motion_gym.domain("zara1").windows("test")
+        make("zara1").windows("test")
 
 
 def test_card_names_files_and_terms(eth_ucy):
-    card = motion_gym.domain("zara2:alpha=8").card
+    card = make("zara2:alpha=8").card
     known = {f.name: f.sha256 for f in datasets.dataset("eth_ucy").files}
     assert dict(card.files) == {"crowds_zara02.txt": known["crowds_zara02.txt"]}
     assert card.parameters["alpha"] == 8.0 and card.parameters["sigma"] == "paper"

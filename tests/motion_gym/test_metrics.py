@@ -229,10 +229,8 @@ def test_nan_exactly_where_nothing_can_be_measured():
     truth.known[1, 11] = False
     scores = metrics.score(forecast, truth, 5)
     for name, values in scores.items():
-        if name == "collision_0.2m":
-            expected = [False, False, False]
-        else:
-            expected = [True, "FDE" in name or "MR" in name, False]
+        forecasts_alone = name == "collision_0.2m"
+        expected = [not forecasts_alone, not forecasts_alone and ("FDE" in name or "MR" in name), False]
         assert np.isnan(values).tolist() == expected, name
 
 

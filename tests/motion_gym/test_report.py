@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import re
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -11,7 +12,9 @@ from motion_gym import report
 from motion_gym.contract import DataError
 from motion_gym.results import run
 
-CROWD = motion_gym.domain("orca", d=0.6, scenes=30)
+make: Any = motion_gym.domain
+
+CROWD = make("orca", d=0.6, scenes=30)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +105,7 @@ def test_seed_is_shown_where_it_is_not_0(results):
 
 
 def test_leaks_stand_under_the_table(results):
-    row = {**results[1], "notes": ["oracle side channel: sigma reads the future", "scored: everybody"]}
+    row = {**results[1], "leaks": ["oracle side channel: sigma reads the future"]}
     text = printed([row], 120)
     assert text.index("sigma reads the future") < text.index("95 % intervals")
     assert "sigma reads the future" in report.markdown([row])

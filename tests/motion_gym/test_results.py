@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import textwrap
+from typing import Any
 
 import pytest
 
@@ -14,7 +15,8 @@ from motion_gym import results
 from motion_gym.contract import DataError
 from motion_gym.results import commit, read, read_folder, run, spec_of
 
-CROWD = motion_gym.domain("orca", d=0.6, scenes=30)
+make: Any = motion_gym.domain
+CROWD = make("orca", d=0.6, scenes=30)
 
 
 def strict(path):
@@ -69,13 +71,14 @@ def test_commit_is_that_of_the_checkout():
 
 
 def test_data_hashes_are_kept(tmp_path, eth_ucy):
-    run("stand_still", motion_gym.domain("eth:alpha=64"), tmp_path)
+    run("stand_still", make("eth:alpha=64"), tmp_path)
     kept = strict(only(tmp_path))
     assert kept["domain"]["files"] == {
         "biwi_eth.txt": "cf8d3fd342a15f409ebc2a1fc76b91a0f06390bd21f1e11410f3859331ab082b"
     }
     assert kept["domain"]["side_channels"] == ["sigma"]
-    assert "oracle side channel: sigma reads the future" in kept["notes"]
+    assert kept["leaks"] == ["oracle side channel: sigma reads the future"] and kept["oracle"] is False
+    assert kept["scored"] == "agents complete over all 20 steps, windows with 2 or more"
     assert kept["metrics"]["ADE"]["agents"] == 36
 
 
@@ -243,9 +246,9 @@ def test_killed_sweep_leaves_whole_files_and_goes_on(tmp_path):
     ],
 )
 def test_short_spec_makes_the_same_domain(spec, short):
-    domain = motion_gym.domain(spec)
+    domain = make(spec)
     assert spec_of(domain) == short
-    assert motion_gym.domain(short).parameters == domain.parameters
+    assert make(short).parameters == domain.parameters
 
 
 def test_short_spec_of_a_domain_with_required_parameters():
