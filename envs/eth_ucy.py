@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from motion_gym import datasets
-from motion_gym.catalog import suggest
+from motion_gym.catalog import suggest, whole_number
 from motion_gym.contract import HISTORY, Recording, SpecError
 from motion_gym.domains import RecordedDomain
 from motion_gym.recordings import read_recording
@@ -74,13 +74,12 @@ class EthUcy(RecordedDomain):
         self.sigma = sigma if sigma is not None else "none" if alpha is None else "paper"
         _one_of(self.name, "sigma", self.sigma, ("none", "paper", "past"))
         _one_of(self.name, "curvature", curvature, ("norm", "squared"))
-        if alpha is not None and (not _is_number(alpha) or not 0 < alpha < math.inf):
-            raise SpecError(f"`alpha={alpha}` of domain `{self.name}` must be a number above 0, as in alpha=64.")
+        if alpha is not None and (not _is_number(alpha) or not 0 < alpha <= 1e6):
+            raise SpecError(
+                f"`alpha={alpha}` of domain `{self.name}` must be a number above 0, and at most 1e6, as in alpha=64."
+            )
         if alpha is not None and self.sigma == "none":
             raise SpecError(f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past.")
-        for key, value in (("min_agents", min_agents), ("stride", stride)):
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise SpecError(f"`{key}={value}` of domain `{self.name}` must be a whole number, 1 or more.")
         if not _is_number(reference_share) or not 0 <= reference_share < 1:
             raise SpecError(
                 f"`reference_share={reference_share}` of domain `{self.name}` must be a number from 0 to below 1."
@@ -89,8 +88,8 @@ class EthUcy(RecordedDomain):
         if self.sigma != "none" and alpha is None:
             self.alpha = 1.0
         self.curvature = curvature
-        self.min_agents = min_agents
-        self.stride = stride
+        self.min_agents = whole_number("min_agents", min_agents, 1, 1000)
+        self.stride = whole_number("stride", stride, 1, 1_000_000)
         self.reference_share = reference_share
         self.feature_names = ("sigma",) if self.sigma == "past" else ()
         self.side_channel_names = ("sigma",) if self.sigma == "paper" else ()

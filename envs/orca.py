@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from numbers import Real
 
 import numpy as np
 
+from motion_gym.catalog import whole_number
 from motion_gym.contract import WINDOW, Recording, SpecError
 from motion_gym.domains import RecordedDomain
 from motion_gym.envs.rvo import ENGINE_VERSION, simulate
@@ -15,6 +15,8 @@ from motion_gym.storage import cached_arrays
 STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
 """Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""
 SOURCE_STYLES = (0.1, 0.3, 0.5)
+LEAST = 1e-3
+"""Smallest d, radius, horizon and speed: less is nothing to the float32 of the engine."""
 TIME_STEP = 0.02
 FIRST, EVERY, STEPS = 19, 20, 399
 """Steps to the first frame, between frames, and in all. Frames are 0.4 s apart, and everyone rests for the first 0.02 s
@@ -85,21 +87,20 @@ class Orca(RecordedDomain):
         seed: int = 0,
         scenes: int | None = None,
     ):
-        for key, value in (("d", d), ("radius", radius), ("horizon", horizon), ("speed", speed)):
-            if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < math.inf:
-                raise SpecError(f"`{key}={value}` of domain `orca` must be a number above 0.")
-        for key, whole, least, most in (
-            ("agents", agents, 2, 20),
-            ("seed", seed, 0, None),
-            ("scenes", scenes, 1, None),
+        for key, value, most in (
+            ("d", d, 10),
+            ("radius", radius, 100),
+            ("horizon", horizon, 100),
+            ("speed", speed, 10),
         ):
-            if whole is None and key == "scenes":
-                continue
-            if isinstance(whole, bool) or not isinstance(whole, int) or whole < least or (most and whole > most):
-                span = f"from {least} to {most}" if most else f"{least} or more"
-                raise SpecError(f"`{key}={whole}` of domain `orca` must be a whole number, {span}.")
-        self.d, self.agents, self.radius = float(d), agents, float(radius)
-        self.horizon, self.speed, self.seed, self.scenes = float(horizon), float(speed), seed, scenes
+            if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value <= most:
+                raise SpecError(f"`{key}={value}` of domain `orca` must be a number above 0, and at most {most}.")
+            if value < LEAST:
+                raise SpecError(f"`{key}={value}` of domain `orca` is too small to simulate: give {LEAST} or more.")
+        self.agents = whole_number("agents", agents, 2, 20)
+        self.seed = whole_number("seed", seed, 0, 2**63)
+        self.scenes = None if scenes is None else whole_number("scenes", scenes, 1, 1_000_000)
+        self.d, self.radius, self.horizon, self.speed = float(d), float(radius), float(horizon), float(speed)
 
     def recordings(self, split: str) -> list[Recording]:
         """One recording: the scenes of the split one after another, 20 frames each, agents numbered through."""

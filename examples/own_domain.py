@@ -1,7 +1,7 @@
 """A domain of your own, from any text file of `frame id x y` rows.
 
-Score on it, from this folder:  motion-gym score constant_velocity --domain own_domain:Tracks:path=FILE
-Check it:  python own_domain.py FILE  (without FILE it writes one to try it on)
+Check it:  python own_domain.py FILE  (if there is no such file, one to try it on is written)
+Score on it, from this folder:  motion-gym score linear --domain own_domain:Tracks:path=FILE
 """
 
 import sys
@@ -23,6 +23,10 @@ class Tracks(RecordedDomain):
     def __init__(self, path: str, dt: float = 0.4):
         self.path, self.dt = path, dt
 
+    def sources(self):
+        """What a predictor is trained on before it is tested here: the train and val splits of the same file."""
+        return [self]
+
     def recordings(self, split):
         """The recordings of a split: here one, or none."""
         recording = motion_gym.read_recording(self.path, dt=self.dt)
@@ -37,7 +41,7 @@ class Tracks(RecordedDomain):
 
 
 def write_an_example(path):
-    """Ten people who walk around a square for 200 frames."""
+    """Ten people who walk in a circle for 200 frames."""
     rows = [
         f"{frame} {person} {6 * np.cos(0.05 * frame + person):.3f} {6 * np.sin(0.05 * frame + person):.3f}"
         for frame in range(200)
@@ -48,10 +52,10 @@ def write_an_example(path):
 
 if __name__ == "__main__":
     path = sys.argv[1] if len(sys.argv) > 1 else str(Path(tempfile.mkdtemp()) / "tracks.txt")
-    if len(sys.argv) == 1:
+    if not Path(path).exists():
         write_an_example(path)
     domain = Tracks(path)
     motion_gym.check_domain(domain)
     print(motion_gym.leak_probe(domain))
     print(motion_gym.evaluate("constant_velocity", domain))
-    print(f"Next: motion-gym score constant_velocity --domain own_domain:Tracks:path={path}")
+    print(f"Next: motion-gym score linear --domain own_domain:Tracks:path={path}")

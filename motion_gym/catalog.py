@@ -11,9 +11,10 @@ import importlib
 import inspect
 from collections.abc import Iterable
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
-from motion_gym.contract import Domain, Predictor, SpecError
+from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,13 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
     return head.strip(), parameters
 
 
+def whole_number(name: str, value: Any, least: int, most: int) -> int:
+    """The value as an int, if it is a whole number from ``least`` to ``most``; SpecError otherwise."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
+        raise SpecError(f"`{name}={value}` must be a whole number from {least} to {most:,}.")
+    return int(value)
+
+
 def format_spec(name: str, parameters: dict[str, Any]) -> str:
     """Write a spec that ``parse_spec`` reads back, as long as no value holds a comma."""
     return name + (":" if parameters else "") + ",".join(f"{k}={_text(v)}" for k, v in parameters.items())
@@ -127,7 +135,9 @@ def load_class(target: str, kind: str = "object") -> type:
                 f"There is no module `{module_name}` for the {kind} `{target}`. Run from the folder that holds "
                 f"{module_name.split('.')[0]}.py, or install its package."
             ) from None
-        raise
+        raise SpecError(f"Importing `{module_name}` raised {type(error).__name__}: {error}.") from error
+    except (Exception, SystemExit) as error:
+        raise SpecError(f"Importing `{module_name}` raised {type(error).__name__}: {error}.") from error
     if not hasattr(module, class_name):
         classes = [name for name, value in vars(module).items() if inspect.isclass(value)]
         raise SpecError(f"Module `{module_name}` has no `{class_name}`.{suggest(class_name, classes)}")
@@ -154,9 +164,14 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
     elif name in table:
         factory = load_class(table[name].target, kind)
     else:
-        raise SpecError(f"There is no {kind} `{name}`.{suggest(name, table)} Your own: `module:Class`.")
+        other = {"domain": PREDICTORS, "predictor": DOMAINS}[kind]
+        hint = f" (It is a {'predictor' if kind == 'domain' else 'domain'}.)" if name in other else suggest(name, table)
+        raise SpecError(f"There is no {kind} `{name}`.{hint} Your own: `module:Class`.")
     arguments = {**written, **parameters}
-    known = inspect.signature(factory).parameters
+    try:
+        known = inspect.signature(factory).parameters
+    except (TypeError, ValueError):
+        raise SpecError(f"`{name}` is no {kind}: it has no signature that can be read.") from None
     if not any(p.kind is p.VAR_KEYWORD for p in known.values()):
         for key in arguments:
             if key not in known:
@@ -166,11 +181,15 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
     except TypeError as error:
         ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
         missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
-        if not missing:
-            raise
-        raise SpecError(
-            f"{kind.capitalize()} `{name}` needs {', '.join(missing)}: `{name}:{missing[0]}=...`."
-        ) from error
+        if missing:
+            raise SpecError(
+                f"{kind.capitalize()} `{name}` needs {', '.join(missing)}: `{name}:{missing[0]}=...`."
+            ) from error
+        raise SpecError(f"Making {kind} `{name}` raised TypeError: {error}.") from error
+    except MotionGymError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise SpecError(f"Making {kind} `{name}` raised {type(error).__name__}: {error}.") from error
 
 
 def _having(thing: Any, needs: tuple[str, ...], kind: str) -> Any:
@@ -191,5 +210,5 @@ def _value(text: str) -> Any:
         return text.lower() == "true"
     try:
         return ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
         return text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -20,17 +21,18 @@ from motion_gym.evaluation import BASELINE, PROTOCOLS
 from motion_gym.metrics import METRICS
 from motion_gym.storage import data_folder
 
-console = Console()
+console = Console(emoji=False)
 
 Names = Annotated[list[str], tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR [PREDICTOR ...]")]
 Thing = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="THING")]
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 
-DEMO = {
-    "predictors": ["stand_still", "linear"],
-    "domains": ["orca:d=0.1", "orca:d=0.3", "orca:d=0.6", "eth", "hotel", "univ", "zara1", "zara2"],
-}
+DEMO = (
+    (["stand_still", "linear"], ["orca:d=0.1", "orca:d=0.3", "orca:d=0.6", "eth", "hotel", "univ", "zara1", "zara2"]),
+    (["linear", "linear:sigma=true"], ["eth:alpha=8", "eth:alpha=64"]),
+)
+"""Predictors, and the domains to score them on."""
 
 
 def score(
@@ -62,7 +64,9 @@ def score(
     for predictor in predictors:
         catalog.predictor(predictor)
     places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
-    _score(predictors, places, out, k=k, protocol=protocol, split=split, seed=seed)
+    _score(
+        [(place, _between(predictors, place)) for place in places], out, k=k, protocol=protocol, split=split, seed=seed
+    )
 
 
 def demo(out: Out = None) -> None:
@@ -71,16 +75,20 @@ def demo(out: Out = None) -> None:
     Args:
         out: Folder for one JSON file per run; a run that is there already is not run again.
     """
-    wanted = [catalog.domain(spec) for spec in DEMO["domains"]]
     here = all(state.state == "ok" for state in datasets.verify("eth_ucy"))
-    places = [v for p in wanted if here or not p.card.files for v in _variants(p, "honest")]
-    _score(DEMO["predictors"], places, out, k=1, protocol="honest", split="test", seed=0)
+    jobs = []
+    for predictors, specs in DEMO:
+        wanted = [catalog.domain(spec) for spec in specs]
+        places = [v for p in wanted if here or not p.card.files for v in _variants(p, "honest")]
+        jobs += [(place, _between(predictors, place)) for place in places]
+    _score(jobs, out, k=1, protocol="honest", split="test", seed=0)
     if not here:
-        console.print("ETH-UCY was left out: its data is not here, or not whole. Get it with one of")
-        console.print("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
-        console.print("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
-    console.print("Next: write a predictor of your own, as examples/own_predictor.py, and score it:")
-    console.print("  motion-gym score own_predictor:Turning --domain orca:d=0.6", highlight=False)
+        _say("ETH-UCY was left out: its data is not here, or not whole. Get it with one of")
+        _say("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
+        _say("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
+    _say("Next: write a predictor of your own, as examples/own_predictor.py, and score it from its folder:")
+    _say("  motion-gym score own_predictor:Turning --domain orca:d=0.6")
+    _say("(`motion-gym` is found after `. .venv/bin/activate`.)")
 
 
 def table(
@@ -101,8 +109,22 @@ def table(
         _say(f"{into}: {'written' if changed else 'already up to date'}")
 
 
-def ls() -> None:
-    """List domains, predictors, protocols, metrics and data sets."""
+def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None) -> None:
+    """List domains, predictors, protocols, metrics and data sets, or explain one domain or predictor.
+
+    Args:
+        name: Domain or predictor to explain, with its parameters; nothing lists them all.
+    """
+    if name is not None:
+        target = {**catalog.DOMAINS, **catalog.PREDICTORS}.get(name)
+        if target is None and not _is_predictor(name) and ":" not in name:
+            raise SpecError(f"There is nothing to explain about `{name}`.")
+        kind = catalog.load_class(target.target if target else name)
+        _say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")
+        parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
+        if parent is not None and "## Arguments" not in (kind.__doc__ or ""):
+            _say(f"\n{inspect.getdoc(parent)}")
+        return
     _list("Domains  (name:parameter=value; also environments motion_gym/ID)", ("name", "id", "what"), [
         (name, entry.env_id or "", entry.summary) for name, entry in catalog.DOMAINS.items()
     ])  # fmt: skip
@@ -114,24 +136,28 @@ def ls() -> None:
     _list("Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()])
 
 
-def check(thing: Thing) -> None:
-    """Hold a predictor or a domain to the contract; look for leaks of the future in a domain.
+def check(thing: Thing, domain: str = "orca:scenes=40") -> None:
+    """Hold a predictor or a domain to the contract, and look for leaks of the future on both clocks.
 
     Args:
         thing: Predictor or domain: your own (module:Class), a name or a spec.
+        domain: For a predictor: the domain on which leaks are looked for.
     """
     from motion_gym.checks import check_domain, check_predictor
     from motion_gym.leaks import leak_probe
 
     if _is_predictor(thing):
-        check_predictor(thing)
+        place, predictor = catalog.domain(domain), thing
+        check_predictor(thing, domain=place)
         _say(f"{thing} keeps the contract of a predictor.")
-        return
-    place = catalog.domain(thing)
-    check_domain(place)
-    _say(f"{thing} keeps the contract of a domain.")
-    for clock in ("windows", "stream"):
-        found = leak_probe(place, clock=clock)
+    else:
+        place, predictor = catalog.domain(thing), BASELINE
+        check_domain(place)
+        _say(f"{thing} keeps the contract of a domain.")
+    # An oracle reads the world by permission, and simulates whole windows.
+    oracle = hasattr(catalog.predictor(predictor), "know")
+    for clock in ("windows",) if oracle else ("windows", "stream"):
+        found = leak_probe(place, predictor, clock=clock)
         _say(str(found))
         if not found.ok:
             raise DataError(f"{thing} leaks the future; see above.")
@@ -207,10 +233,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
             args=arguments,
         )
     except MotionGymError as error:
-        Console(stderr=True).print(f"[bold red]error:[/bold red] {escape(str(error))}", highlight=False, soft_wrap=True)
-        sys.exit(2)
+        _fail(str(error))
     except KeyboardInterrupt:
         sys.exit(130)
+    except BrokenPipeError:
+        os._exit(0)  # whoever read the output has seen enough
+    except Exception as error:
+        if os.environ.get("MOTION_GYM_DEBUG"):
+            raise
+        _fail(f"{type(error).__name__}: {error}. (MOTION_GYM_DEBUG=1 shows where.)")
+
+
+def _fail(message: str) -> None:
+    screen = Console(stderr=True, emoji=False)
+    screen.print(f"[bold red]error:[/bold red] {escape(message)}", highlight=False, soft_wrap=True)
+    sys.exit(2)
 
 
 def _variants(place: Domain, protocol: str) -> list[Domain]:
@@ -220,22 +257,21 @@ def _variants(place: Domain, protocol: str) -> list[Domain]:
     return [place, place.replace(min_agents=1)]
 
 
-def _score(predictors: Sequence[str], places: Sequence[Domain], out: Path | None, **options: Any) -> None:
+def _score(jobs: Sequence[tuple[Domain, Sequence[str]]], out: Path | None, **options: Any) -> None:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    jobs = {place: _between(predictors, place) for place in places}
     done: list[report.Result] = []
     failures: dict[str, list[str]] = {}
     screen = Console(stderr=True)
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
-        task = progress.add_task("", total=sum(map(len, jobs.values())))
-        for place, names in jobs.items():
+        task = progress.add_task("", total=sum(len(names) for _, names in jobs))
+        for place, names in jobs:
             progress.start()  # and stopped while a table is printed: they may share a terminal
             rows = []
             for name in names:
                 progress.update(task, description=escape(f"{name} on {results.spec_of(place)}"))
                 try:
                     rows.append(results.run(name, place, out, **options))
-                except PredictorError as error:
+                except (PredictorError, SpecError) as error:
                     failures.setdefault(f"{name}: {error}", []).append(results.spec_of(place))
                 progress.advance(task)
             progress.stop()

@@ -164,13 +164,14 @@ class StreamClock:
             raise DataError(f"Recordings of one stream have the same step, but these have dt {sorted(steps)} seconds.")
         ticks = np.cumsum([0] + [p.ticks for p in parts])
         counts = np.cumsum([0] + [int(p.track.max(initial=-1)) + 1 for p in parts])
-        shifts = np.cumsum([0] + [int(p.agent.max(initial=-1)) + 1 for p in parts])
+        lowest = [int(p.agent.min(initial=0)) for p in parts]
+        shifts = np.cumsum([0] + [int(p.agent.max(initial=-1)) - low + 1 for p, low in zip(parts, lowest, strict=True)])
         join = np.concatenate
         self.dt = parts[0].dt
         self.tracks = Tracks(
             join([p.tick + t for p, t in zip(parts, ticks, strict=False)]),
             join([p.track + c for p, c in zip(parts, counts, strict=False)]),
-            join([p.agent + s for p, s in zip(parts, shifts, strict=False)]),
+            join([p.agent - low + s for p, low, s in zip(parts, lowest, shifts, strict=False)]),
             join([p.xy for p in parts]),
             join([p.age for p in parts]),
             join([p.left for p in parts]),

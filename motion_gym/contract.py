@@ -16,6 +16,8 @@ HISTORY = 8
 """Observed steps."""
 FUTURE = 12
 """Forecast steps."""
+MOST_SAMPLES = 10_000
+"""Largest number of samples K that can be asked for."""
 WINDOW = HISTORY + FUTURE
 """Steps of a window: 8 of history and 12 of future."""
 

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from motion_gym.catalog import suggest
-from motion_gym.contract import HISTORY, Card, Recording, SpecError, Truth
+from motion_gym.catalog import format_spec, suggest
+from motion_gym.contract import HISTORY, Card, Domain, Recording, SpecError, Truth
 from motion_gym.windows import counts, empty_truth, windows_of
 
 Kept = TypeVar("Kept")
@@ -114,7 +114,7 @@ class RecordedDomain:
 
     def kept(self, what: str, make: Callable[[], Kept]) -> Kept:
         """What ``make`` gives, made once; it stays with this object and is not pickled."""
-        store = self.__dict__.setdefault("_kept", {})
+        store = self.__dict__.setdefault("_made_once", {})
         if what not in store:
             store[what] = make()
         return store[what]
@@ -126,14 +126,36 @@ class RecordedDomain:
         return freeze(windows_of(recordings, self.history, self.min_agents, self.stride))
 
     def _counts(self) -> dict[str, dict[str, int]]:
-        read = self.__dict__.get("_kept", {})
+        read = self.__dict__.get("_made_once", {})
         return {split: counts(read[key]) for split in self.splits if (key := f"windows of {split}") in read}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key != "_kept"}
+        return {key: value for key, value in vars(self).items() if key != "_made_once"}
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.parameters.items())})"
+
+
+def spec_of(domain: Domain) -> str:
+    """Shortest spec of a domain: without parameters at their defaults, except those its class calls ``headline``."""
+    card = domain.card
+    defaults = {name: p.default for name, p in inspect.signature(type(domain)).parameters.items()}
+    shown = getattr(type(domain), "headline", ())
+    changed = {k: v for k, v in card.parameters.items() if k in shown or defaults.get(k) != v}
+    if isinstance(domain, RecordedDomain):
+        for key in [k for k in changed if k not in shown]:
+            fewer = {k: v for k, v in changed.items() if k != key}
+            if _makes(type(domain), fewer, domain.parameters):
+                changed = fewer
+    return format_spec(card.name, changed)
+
+
+def _makes(kind: type[RecordedDomain], given: Mapping[str, Any], all_of_them: Mapping[str, Any]) -> bool:
+    """Whether a domain made with the given parameters has all of them."""
+    try:
+        return kind(**given).parameters == all_of_them
+    except Exception:  # a class of somebody else, made in a way that it was not meant for, may raise anything
+        return False
 
 
 def freeze(truth: Truth) -> Truth:

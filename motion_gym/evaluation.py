@@ -14,11 +14,23 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.bootstrap import Difference, Summary, paired_difference, summarise
-from motion_gym.contract import Card, Domain, Forecast, Predictor, SpecError, Truth
+from motion_gym.contract import (
+    HISTORY,
+    MOST_SAMPLES,
+    Card,
+    Domain,
+    Forecast,
+    Observation,
+    Predictor,
+    PredictorError,
+    SpecError,
+    Truth,
+)
 from motion_gym.dicts import forecast_to_dict, observation_from_dict
+from motion_gym.domains import spec_of
 from motion_gym.metrics import error_by_horizon, metric_rows, score
 from motion_gym.parallel import ForecastEnv
-from motion_gym.prediction import ask, name_of, ready, tell
+from motion_gym.prediction import ask, name_of, ready, tell, windows_of_domain
 from motion_gym.windows import counts, pick_scenes
 
 PROTOCOLS: Mapping[str, str] = {
@@ -27,6 +39,7 @@ PROTOCOLS: Mapping[str, str] = {
 }
 PAPER_BATCH = 64
 """Scenes of a test batch of the released program, whose own future the ``paper`` protocol reads the style from."""
+PROBED_SCENES = 32
 BASELINE = "constant_velocity"
 UNSTATED = "does not say how its weights were selected (attribute `selection`)"
 
@@ -38,6 +51,7 @@ class Scorecard:
     Attributes:
         predictor: Name or spec.
         domain: Card of the domain.
+        spec: The domain in short.
         split: Split that was scored.
         protocol: ``honest`` or ``paper``.
         k: Number of samples.
@@ -58,6 +72,7 @@ class Scorecard:
 
     predictor: str
     domain: Card
+    spec: str
     split: str
     protocol: str
     k: int
@@ -101,7 +116,7 @@ class Scorecard:
     def __str__(self) -> str:
         ade, fde = self.metrics["ADE"], self.metrics["FDE"]
         return (
-            f"{self.predictor} on {catalog.format_spec(self.domain.name, dict(self.domain.parameters))}: "
+            f"{self.predictor} on {self.spec}: "
             f"ADE {ade.mean:.3f} [{ade.low:.3f}, {ade.high:.3f}] m, "
             f"FDE {fde.mean:.3f} [{fde.low:.3f}, {fde.high:.3f}] m, k = {self.k}, "
             f"protocol {self.protocol}, {ade.agent_windows} agent-windows of {ade.agents} agents in {ade.scenes} scenes"
@@ -146,12 +161,10 @@ def evaluate(
     if through not in ("arrays", "environment"):
         raise SpecError(f"`through={through}` is not known.{catalog.suggest(str(through), ('arrays', 'environment'))}")
     k = default_k(protocol) if k is None else k
-    if isinstance(k, bool) or not isinstance(k, int) or k < 1:
-        raise SpecError(f"`k={k}` must be a whole number, 1 or more: the number of samples per agent.")
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise SpecError(f"`seed={seed}` must be a whole number, 0 or more.")
+    k = catalog.whole_number("k", k, 1, MOST_SAMPLES)
+    seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
     place = catalog.domain(domain, **parameters)
-    truth = place.windows(split)
+    truth = windows_of_domain(place, split)
     if not len(truth.future):
         raise SpecError(f"Split `{split}` of {place!r} has no agent to score.")
     made = ready(predictor, place, seed)
@@ -176,6 +189,8 @@ def evaluate(
     else:
         forecast = ask(made, truth.observation, k, seed)
     seconds = time.perf_counter() - began
+    if through == "arrays" and not (hasattr(made, "observe") and protocol == "paper"):
+        _check_scenes_apart(made, truth.observation, forecast, k, seed)
     values = score(forecast, truth, k)
     baseline = score(ask(ready(BASELINE, place), truth.observation), truth)
     card = dataclasses.replace(place.card, counts={split: counts(truth)})
@@ -183,6 +198,7 @@ def evaluate(
     return Scorecard(
         predictor=predictor if isinstance(predictor, str) else name_of(made),
         domain=card,
+        spec=spec_of(place),
         split=split,
         protocol=protocol,
         k=k,
@@ -222,6 +238,28 @@ def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
                 f"The scorecard of {card.predictor} has no `{metric}`.{catalog.suggest(metric, card.values)}"
             )
     return paired_difference(a.values[metric], b.values[metric], a.truth.observation.agent)
+
+
+def _check_scenes_apart(predictor: Predictor, observation: Observation, forecast: Forecast, k: int, seed: int) -> None:
+    """Ask again with all but a few scenes changed: the forecasts of those few must stay.
+
+    Windows overlap: the history of a later one holds the future of an earlier one, and all of them are in one batch.
+    """
+    if observation.scenes < 2:
+        return
+    rng = np.random.default_rng()  # of no seed, so that no predictor can know which scenes are looked at
+    kept = rng.choice(observation.scenes, min(PROBED_SCENES, observation.scenes // 2), replace=False)
+    stays = np.isin(observation.scene_index, kept)
+    history = observation.history.copy()
+    history[~stays, :, :2] += rng.normal(0, 0.5, (int((~stays).sum()), HISTORY, 2)).cumsum(axis=1).astype(np.float32)
+    other = ask(predictor, dataclasses.replace(observation, history=history), k, seed)
+    off = np.abs(other.positions[stays] - forecast.positions[stays]).max(initial=0)
+    if other.positions.shape != forecast.positions.shape or off > 1e-3:
+        raise PredictorError(
+            f"{name_of(predictor)} forecasts a scene otherwise when other scenes of the batch change (by up to "
+            f"{off:.3f} m). The batch holds overlapping windows, and with them the future: forecast every scene from "
+            "its own history, or score with through='environment'."
+        )
 
 
 def _by_stepping(predictor: Predictor, domain: Domain, split: str, k: int, seed: int) -> tuple[Forecast, Truth]:

@@ -13,6 +13,7 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.contract import Domain, Forecast, Observation, Predictor, SpecError, Truth
 from motion_gym.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
+from motion_gym.domains import spec_of
 from motion_gym.parallel import CLOCKS, ForecastEnv
 from motion_gym.prediction import ask, name_of, ready, tell
 from motion_gym.second_world import Stage
@@ -161,7 +162,7 @@ def leak_probe(
         read = [leaks.pop(kind) for kind in ("forecasts", "weights", "states") if kind in leaks]
         oracles = [f"{name} is told what no forecaster can know", *read]
     return LeakReport(
-        domain=catalog.format_spec(place.card.name, dict(place.card.parameters)),
+        domain=spec_of(place),
         predictor=predictor if isinstance(predictor, str) else name,
         clock=clock,
         split=split,

@@ -11,7 +11,8 @@ from pettingzoo import ParallelEnv
 
 from motion_gym import catalog
 from motion_gym.clocks import Clock, Ledger, Settled, Step, StreamClock, WindowsClock
-from motion_gym.contract import FUTURE, HISTORY, ActionError, Domain, Forecast, SpecError, check_action
+from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, SpecError, check_action
+from motion_gym.prediction import windows_of_domain
 from motion_gym.render import Canvas, check_render_mode
 from motion_gym.windows import positions_only
 
@@ -72,8 +73,7 @@ class ForecastEnv(ParallelEnv):
         self.domain = catalog.domain(domain, **parameters)
         if clock not in CLOCKS:
             raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
-        if isinstance(samples, bool) or not isinstance(samples, int) or samples < 1:
-            raise SpecError(f"`samples={samples}` must be a whole number, 1 or more: the K forecasts of an action.")
+        samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
         check_render_mode(render_mode)
         self.clock: Clock = make_clock(self.domain, clock, split)
         if not self.clock.size:
@@ -212,5 +212,5 @@ def parallel_env(domain: str | Domain, clock: str = "windows", **arguments: Any)
 def make_clock(domain: Domain, clock: str, split: str) -> Clock:
     """The clock that replays a split of a domain."""
     if clock == "windows":
-        return WindowsClock(domain.windows(split))
+        return WindowsClock(windows_of_domain(domain, split))
     return StreamClock(domain.recordings(split), getattr(domain, "history", positions_only))

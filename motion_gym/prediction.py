@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
+import traceback
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.contract import (
     FUTURE,
+    DataError,
     Domain,
     Forecast,
     MotionGymError,
@@ -20,6 +22,7 @@ from motion_gym.contract import (
     Truth,
 )
 from motion_gym.domains import training_set
+from motion_gym.windows import check_truth
 
 
 def name_of(predictor: Any) -> str:
@@ -60,6 +63,22 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
     return made
 
 
+def windows_of_domain(domain: Domain, split: str) -> Truth:
+    """``domain.windows(split)``, checked.
+
+    Raises:
+        DataError: it raised, or gave something that cannot be scored.
+    """
+    name = type(domain).__name__
+    try:
+        truth = domain.windows(split)
+    except MotionGymError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise DataError(f"{name}.windows({split!r}) raised {type(error).__name__}: {error}.") from error
+    return check_truth(truth, f"{name}.windows({split!r})")
+
+
 def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
     """Ask for a forecast, and check the answer.
 
@@ -74,7 +93,15 @@ def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: 
     if not len(observation):
         return Forecast(np.zeros((0, samples, FUTURE, 2), np.float32))
     answer = guarded(predictor, "predict", frozen(observation), samples=samples, seed=seed)
-    return checked(answer, observation, samples, name_of(predictor))
+    try:
+        return checked(answer, observation, samples, name_of(predictor))
+    except MotionGymError:
+        raise
+    except Exception as error:  # arrays and forecasts of somebody else's making may raise anything
+        raise PredictorError(
+            f"{name_of(predictor)}.predict returned something that cannot be read ({type(error).__name__}): return a "
+            "Forecast of plain numpy arrays."
+        ) from error
 
 
 def tell(predictor: Predictor, truth: Truth) -> None:
@@ -88,7 +115,7 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
     """A forecast in its proper form, from what a predictor returned; PredictorError if it is none."""
     forecast = answer if isinstance(answer, Forecast) else Forecast(answer)
     positions = forecast.positions
-    if not isinstance(positions, np.ndarray):
+    if not isinstance(positions, np.ndarray) or isinstance(positions, np.ma.MaskedArray):
         raise PredictorError(
             f"{name}.predict returned {type(positions).__name__}; return a Forecast or a numpy array "
             f"[A, K, {FUTURE}, 2] float32."
@@ -135,13 +162,9 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
 
 
 def frozen(observation: Observation) -> Observation:
-    """A copy of an observation whose arrays cannot be written to."""
-    return dataclasses.replace(
-        observation,
-        history=_locked(observation.history),
-        scene=_locked(observation.scene),
-        agent=_locked(observation.agent),
-    )
+    """A copy of an observation whose arrays cannot be written to; nothing but its four fields goes along."""
+    history, scene, agent = (_locked(a) for a in (observation.history, observation.scene, observation.agent))
+    return Observation(history, scene, agent, float(observation.dt))
 
 
 def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
@@ -150,17 +173,24 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
         return getattr(predictor, method)(*arguments, **keywords)
     except MotionGymError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         remedy = ""
         if "read-only" in str(error) or "not writeable" in str(error):
             remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
         elif isinstance(error, TypeError) and "argument" in str(error):
             remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
         said = f": {str(error).rstrip('.')}" if str(error) else ""
-        raise PredictorError(f"{name_of(predictor)}.{method} raised {type(error).__name__}{said}.{remedy}") from error
+        message = f"{name_of(predictor)}.{method} raised {type(error).__name__}{said} ({_where(error)}).{remedy}"
+        raise PredictorError(message) from error
+
+
+def _where(error: BaseException) -> str:
+    """File and line that raised an exception."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{Path(last.filename).name}, line {last.lineno}"
 
 
 def _locked(array: np.ndarray) -> np.ndarray:
-    copy = array.copy()
+    copy = np.array(array)  # of the plain class, whatever the array was
     copy.flags.writeable = False
     return copy

@@ -11,6 +11,7 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from numbers import Real
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -58,7 +59,11 @@ def read_recording(
             remedy.
         SpecError: ``dt`` or ``columns`` is not allowed.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise SpecError(f"path is a {type(path).__name__}; give the name of a text file.")
     path = Path(path)
+    if not isinstance(columns, Sequence) or not all(isinstance(c, int) and not isinstance(c, bool) for c in columns):
+        raise SpecError(f"columns={columns!r} must be four column numbers, counted from 0: those of frame, id, x and y")
     chosen = [int(column) for column in columns]
     if len(chosen) != 4 or len(set(chosen)) != 4 or min(chosen) < 0:
         raise SpecError(
@@ -123,17 +128,21 @@ def check_recording(recording: Recording) -> None:
 
 
 def _check_dt(dt: float) -> None:
-    if not (math.isfinite(dt) and dt > 0):
+    if isinstance(dt, bool) or not isinstance(dt, Real) or not (math.isfinite(dt) and dt > 0):
         raise SpecError(f"dt={dt!r} is not allowed: seconds per step, a finite number above 0, such as 0.4")
 
 
 def _bytes(path: Path) -> bytes:
     try:
+        if path.exists() and not path.is_file():
+            raise DataError(f"{path} is not a file. Give a text file.")
         return path.read_bytes()
     except FileNotFoundError:
         raise DataError(f"there is no file {path}. Check the name and the folder.") from None
-    except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}. Give a text file.") from None
+    except (OSError, ValueError) as error:
+        raise DataError(
+            f"{path} cannot be read: {getattr(error, 'strerror', None) or error}. Give a text file."
+        ) from None
 
 
 def _fast(path: Path, content: bytes, delimiter: str | None, columns: list[int]) -> np.ndarray | None:

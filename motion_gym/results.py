@@ -8,6 +8,7 @@ import hashlib
 import importlib.metadata
 import inspect
 import json
+import os
 import platform
 import re
 import subprocess
@@ -16,10 +17,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from motion_gym import catalog
-from motion_gym.contract import DataError, Domain, Predictor
-from motion_gym.domains import RecordedDomain
+from motion_gym.contract import DataError, Domain, Predictor, Truth
+from motion_gym.domains import spec_of
 from motion_gym.evaluation import default_k, evaluate
+from motion_gym.prediction import windows_of_domain
 from motion_gym.storage import write_atomic
 
 PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo")
@@ -50,12 +54,14 @@ def run(
     slug = re.sub(r"[^A-Za-z0-9.=-]+", "_", f"{predictor}--{spec_of(domain)}").strip("_")[:120]
     path = None if folder is None else folder / f"{slug}--{digest}.json"
     if path is not None and path.exists():
-        return read(path)
+        found = read(path)
+        if found["identity"] != json.loads(json.dumps(identity, default=str)):
+            raise DataError(f"{path} is the result of another run. Delete or move it, and run the command again.")
+        return found
     card = evaluate(predictor, domain, split=split, k=k, protocol=protocol, seed=seed)
     result = {
         "schema": SCHEMA,
         **card.as_dict(),
-        "spec": spec_of(domain),
         "identity": identity,
         "versions": versions(),
         "commit": commit(),
@@ -76,11 +82,26 @@ def read(path: Path) -> dict[str, Any]:
     """
     try:
         result = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"{path} is not a result: {error}. Delete it, and run the command again.") from None
-    if not isinstance(result, dict) or result.get("schema") != SCHEMA or not {"identity", "metrics"} <= set(result):
+    if not isinstance(result, dict) or result.get("schema") != SCHEMA or not _complete(result):
         raise DataError(f"{path} is not a result of this version of motion-gym. Delete it, and run the command again.")
     return result
+
+
+def _complete(result: dict[str, Any]) -> bool:
+    """Whether a result has all that tables need."""
+    try:
+        parts = [result["metrics"][name] for name in ("ADE", "FDE")] + [result["versus_baseline"]["ADE"]]
+        numbers = all(
+            isinstance(part[key], (int, float, type(None))) for part in parts for key in ("mean", "low", "high")
+        )
+        plain = all(
+            isinstance(result[key], str) for key in ("predictor", "spec", "split", "protocol", "scored", "finished")
+        )
+        return numbers and plain and isinstance(result["leaks"], list) and isinstance(result["identity"]["domain"], str)
+    except (KeyError, TypeError, IndexError):
+        return False
 
 
 def read_folder(folder: Path) -> list[dict[str, Any]]:
@@ -98,20 +119,6 @@ def read_folder(folder: Path) -> list[dict[str, Any]]:
         if key not in found or found[key]["finished"] <= result["finished"]:
             found[key] = result
     return list(found.values())
-
-
-def spec_of(domain: Domain) -> str:
-    """Shortest spec of a domain: without parameters at their defaults, except those its class calls ``headline``."""
-    card = domain.card
-    defaults = {name: p.default for name, p in inspect.signature(type(domain)).parameters.items()}
-    shown = getattr(type(domain), "headline", ())
-    changed = {k: v for k, v in card.parameters.items() if k in shown or defaults.get(k) != v}
-    if isinstance(domain, RecordedDomain):
-        for key in [k for k in changed if k not in shown]:
-            fewer = {k: v for k, v in changed.items() if k != key}
-            if _makes(type(domain), fewer, domain.parameters):
-                changed = fewer
-    return catalog.format_spec(card.name, changed)
 
 
 def versions() -> dict[str, str]:
@@ -154,14 +161,6 @@ def commit() -> str | None:
         return None
 
 
-def _makes(kind: type[RecordedDomain], given: Mapping[str, Any], all_of_them: Mapping[str, Any]) -> bool:
-    """Whether a domain made with the given parameters has all of them."""
-    try:
-        return kind(**given).parameters == all_of_them
-    except Exception:  # a class of somebody else, made in a way that it was not meant for, may raise anything
-        return False
-
-
 def _identity(
     made: Predictor, predictor: str, domain: Domain, split: str, k: int, protocol: str, seed: int
 ) -> Mapping[str, Any]:
@@ -171,7 +170,8 @@ def _identity(
         "predictor_code": _code(made),
         "domain": catalog.format_spec(card.name, dict(card.parameters)),
         "domain_code": _code(domain),
-        "files": dict(card.files),
+        "files": {**card.files, **_files(card.parameters)},
+        "data": _digest(windows_of_domain(domain, split)),
         "split": split,
         "k": k,
         "protocol": protocol,
@@ -182,9 +182,25 @@ def _identity(
 
 
 def _code(thing: Any) -> str:
-    """sha256 of the module that defines a class, so that a changed predictor is a new run."""
-    try:
-        source = inspect.getsource(sys.modules[type(thing).__module__])
-    except (OSError, TypeError, KeyError):
-        return "unknown"
-    return hashlib.sha256(source.encode()).hexdigest()
+    """sha256 of the modules that define a class and its bases, so that a changed predictor is a new run."""
+    digest = hashlib.sha256()
+    for module in sorted({kind.__module__ for kind in type(thing).__mro__} - {"builtins", "typing"}):
+        try:
+            digest.update(inspect.getsource(sys.modules[module]).encode())
+        except (OSError, TypeError, KeyError):
+            digest.update(b"unknown")
+    return digest.hexdigest()
+
+
+def _files(parameters: Mapping[str, Any]) -> dict[str, str]:
+    """sha256 of each file that a parameter names."""
+    texts = [str(value) for value in parameters.values() if isinstance(value, (str, os.PathLike))]
+    return {text: hashlib.sha256(Path(text).read_bytes()).hexdigest() for text in texts if os.path.isfile(text)}
+
+
+def _digest(truth: Truth) -> str:
+    """sha256 of what is scored."""
+    seen, digest = truth.observation, hashlib.sha256()
+    for array in (seen.history, seen.scene, seen.agent, truth.future, truth.known):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

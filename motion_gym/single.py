@@ -13,6 +13,7 @@ from motion_gym import catalog
 from motion_gym.clocks import WindowsClock
 from motion_gym.contract import (
     FUTURE,
+    MOST_SAMPLES,
     ActionError,
     Domain,
     Forecast,
@@ -20,6 +21,7 @@ from motion_gym.contract import (
     check_action,
 )
 from motion_gym.metrics import distance, mean_over_known
+from motion_gym.prediction import windows_of_domain
 from motion_gym.render import Canvas, check_render_mode
 from motion_gym.windows import pick_scenes
 
@@ -37,13 +39,13 @@ class Padded:
 
     def __init__(self, domain: str | Domain, split: str, max_agents: int | None, samples: int, **parameters: Any):
         self.domain = catalog.domain(domain, **parameters)
-        self.truth = self.domain.windows(split)
+        self.truth = windows_of_domain(self.domain, split)
         self.sizes = np.diff(self.truth.observation.scene)
         if not len(self.sizes):
             raise SpecError(f"Split `{split}` of `{self.domain!r}` has no window to play.")
-        for key, value in (("samples", samples), ("max_agents", max_agents)):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-                raise SpecError(f"`{key}={value}` must be a whole number, 1 or more.")
+        samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
+        if max_agents is not None:
+            max_agents = catalog.whole_number("max_agents", max_agents, 1, 10_000)
         largest = int(self.sizes.max())
         if max_agents is not None and max_agents < largest:
             raise SpecError(
@@ -229,10 +231,7 @@ class WindowVectorEnv(VectorEnv):
         self.padded = Padded(domain, split, max_agents, samples, **parameters)
         self.domain = self.padded.domain
         windows = len(self.padded.sizes)
-        if not 1 <= num_envs <= windows:
-            raise SpecError(
-                f"`num_envs={num_envs}` must be from 1 to {windows}, the windows of `{self.domain.card.name}`."
-            )
+        num_envs = catalog.whole_number("num_envs", num_envs, 1, windows)
         self.num_envs = num_envs
         self.render_mode = None
         self.single_observation_space = self.padded.observation_space

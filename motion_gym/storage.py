@@ -132,8 +132,8 @@ def _load(path: Path) -> dict[str, np.ndarray] | None:
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except FileNotFoundError:
-        return None
+    except (OSError, MemoryError):
+        return None  # not there, or not to be read just now
     except Exception:  # a damaged archive raises any of about ten types
         with contextlib.suppress(OSError):
             path.unlink()

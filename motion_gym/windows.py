@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, HISTORY, Observation, Recording, Truth
+from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, Truth
+from motion_gym.recordings import check_recording
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(positions [A, 20, 2] float64, known [A, 20] bool) -> history [A, 8, F]; positions are zero where not known."""
@@ -42,7 +44,13 @@ class Tracks:
 
     @classmethod
     def of(cls, recording: Recording) -> Tracks:
-        """Sort and cut a recording."""
+        """Sort and cut a recording, after checking it.
+
+        Raises:
+            DataError: a column has the wrong shape or type, or a row is bad.
+        """
+        if len(recording.frame):
+            check_recording(recording)
         frames, tick = np.unique(recording.frame, return_inverse=True)
         order = np.lexsort((tick, recording.agent))
         tick, agent = tick[order].astype(np.int64), recording.agent[order]
@@ -113,8 +121,9 @@ def windows_of(
         row = row[np.lexsort((tracks.agent[row], start))]
         sizes = count[count >= max(min_agents, 1)]
         scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features))
-        shift += int(recording.agent.max(initial=-1)) + 1
+        lowest = int(recording.agent.min(initial=0))
+        parts.append(tracks.truth(row, scene, tracks.agent[row] - lowest + shift, features))
+        shift += int(recording.agent.max(initial=-1)) - lowest + 1
     return stack(parts)
 
 
@@ -122,13 +131,13 @@ def stack(parts: Sequence[Truth]) -> Truth:
     """Put truths one after another; their scenes stay apart.
 
     Raises:
-        ValueError: no part, or parts whose time steps or features differ.
+        DataError: no part, or parts whose time steps or features differ.
     """
     if not parts:
-        raise ValueError("stack needs at least one Truth.")
+        raise DataError("stack needs at least one Truth.")
     kinds = {(p.observation.dt, p.observation.history.shape[2]) for p in parts}
     if len(kinds) > 1:
-        raise ValueError(f"Cannot stack truths whose (dt, number of features) differ: {sorted(kinds)}.")
+        raise DataError(f"Cannot stack truths whose (dt, number of features) differ: {sorted(kinds)}.")
     if len(parts) == 1:
         return parts[0]
     sizes = np.concatenate([np.diff(p.observation.scene) for p in parts])
@@ -160,6 +169,42 @@ def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) ->
     start = observation.scene[:-1][scenes]
     sizes = observation.scene[1:][scenes] - start
     return np.arange(sizes.sum()) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
+
+
+def check_truth(truth: Any, what: str) -> Truth:
+    """The truth, if it is one that can be scored.
+
+    Raises:
+        DataError: it is of the wrong type, shape or dtype, its scenes do not fit, a scene is empty or has an agent
+            twice, or a value is not finite.
+    """
+    if not isinstance(truth, Truth) or not isinstance(truth.observation, Observation):
+        raise DataError(f"{what} is a {type(truth).__name__}, not a Truth with its Observation.")
+    seen = truth.observation
+    agents = len(truth.future) if isinstance(truth.future, np.ndarray) else -1
+    for name, array, shape, kind in (
+        ("future", truth.future, (agents, FUTURE, 2), "float32"),
+        ("known", truth.known, (agents, FUTURE), "bool"),
+        ("history", seen.history, (agents, HISTORY, -1), "float32"),
+        ("agent", seen.agent, (agents,), "int64"),
+        ("scene", seen.scene, (-1,), "int64"),
+    ):
+        right = isinstance(array, np.ndarray) and array.dtype == kind and array.ndim == len(shape)
+        if not right or any(n not in (m, -1) for m, n in zip(array.shape, shape, strict=True)):
+            got = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+            expected = ", ".join("?" if n == -1 else str(n) for n in shape)
+            raise DataError(f"{what}: {name} is {got}, expected {kind} ({expected}).")
+    sizes = np.diff(seen.scene)
+    if not len(seen.scene) or seen.scene[0] != 0 or seen.scene[-1] != agents or (sizes < 1).any():
+        raise DataError(
+            f"{what}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
+        )
+    pairs = np.stack([seen.scene_index, seen.agent], axis=1)
+    if len(np.unique(pairs, axis=0)) < agents:
+        raise DataError(f"{what}: an agent is in one scene twice; give every agent of a scene an id of its own.")
+    if seen.history.shape[2] < 2 or not np.isfinite(seen.history).all() or not np.isfinite(truth.future).all():
+        raise DataError(f"{what}: history and future must be finite, and 0 where they are not known.")
+    return truth
 
 
 def counts(truth: Truth) -> dict[str, int]:

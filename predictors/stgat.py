@@ -90,6 +90,15 @@ class Stgat:
         last = torch.from_numpy(observation.xy[:, -1].copy())
         return (last + moves.cumsum(dim=0)).permute(2, 1, 0, 3).contiguous().numpy()
 
+    @classmethod
+    def from_released(cls, path: str | Path) -> Stgat:
+        """A predictor with the weights of the paper's released program; see ``import_released``."""
+        made = cls()
+        tensors, card = import_released(path)
+        check_weights(tensors, made.features, str(path))
+        made.tensors, made.card = tensors, card
+        return made
+
     def save(self, path: str | Path) -> None:
         """Write the weights to ``path`` and their card beside it, as ``.json``.
 

@@ -25,9 +25,7 @@ def published(name):
     path = SHARED / f"causalmotion_eth_{name}_seed1.pth.tar"
     if not path.exists():
         pytest.skip(f"the published weights are not here: {path.name}")
-    made = PUBLISHED[name]()
-    made.tensors, made.card = import_released(path)
-    return made
+    return PUBLISHED[name].from_released(path)
 
 
 def random_model(kind=Erm, seed=0):
