@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
 
-from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError
+from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError, raised_at
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
 def whole_number(name: str, value: Any, least: int, most: int) -> int:
     """The value as an int, if it is a whole number from ``least`` to ``most``; SpecError otherwise."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
-        raise SpecError(f"`{name}={value}` must be a whole number from {least} to {most:,}.")
+        span = f"from {least} to {most}" if most < 1000 else f"{least} or more, and at most {most:,}"
+        raise SpecError(f"`{name}={value}` must be a whole number, {span}.")
     return int(value)
 
 
@@ -135,9 +136,13 @@ def load_class(target: str, kind: str = "object") -> type:
                 f"There is no module `{module_name}` for the {kind} `{target}`. Run from the folder that holds "
                 f"{module_name.split('.')[0]}.py, or install its package."
             ) from None
-        raise SpecError(f"Importing `{module_name}` raised {type(error).__name__}: {error}.") from error
+        raise SpecError(
+            f"Importing `{module_name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
+        ) from error
     except (Exception, SystemExit) as error:
-        raise SpecError(f"Importing `{module_name}` raised {type(error).__name__}: {error}.") from error
+        raise SpecError(
+            f"Importing `{module_name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
+        ) from error
     if not hasattr(module, class_name):
         classes = [name for name, value in vars(module).items() if inspect.isclass(value)]
         raise SpecError(f"Module `{module_name}` has no `{class_name}`.{suggest(class_name, classes)}")
@@ -185,11 +190,13 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
             raise SpecError(
                 f"{kind.capitalize()} `{name}` needs {', '.join(missing)}: `{name}:{missing[0]}=...`."
             ) from error
-        raise SpecError(f"Making {kind} `{name}` raised TypeError: {error}.") from error
+        raise SpecError(f"Making {kind} `{name}` raised TypeError: {error} ({raised_at(error)}).") from error
     except MotionGymError:
         raise
     except (Exception, SystemExit) as error:
-        raise SpecError(f"Making {kind} `{name}` raised {type(error).__name__}: {error}.") from error
+        raise SpecError(
+            f"Making {kind} `{name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
+        ) from error
 
 
 def _having(thing: Any, needs: tuple[str, ...], kind: str) -> Any:

@@ -86,7 +86,7 @@ def demo(out: Out = None) -> None:
         _say("ETH-UCY was left out: its data is not here, or not whole. Get it with one of")
         _say("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
         _say("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
-    _say("Next: write a predictor of your own, as examples/own_predictor.py, and score it from its folder:")
+    _say("Next: write a predictor, as examples/own_predictor.py; from its folder:")
     _say("  motion-gym score own_predictor:Turning --domain orca:d=0.6")
     _say("(`motion-gym` is found after `. .venv/bin/activate`.)")
 
@@ -158,7 +158,7 @@ def check(thing: Thing, domain: str = "orca:scenes=40") -> None:
     oracle = hasattr(catalog.predictor(predictor), "know")
     for clock in ("windows",) if oracle else ("windows", "stream"):
         found = leak_probe(place, predictor, clock=clock)
-        _say(str(found))
+        console.print(str(found), highlight=False, markup=False)
         if not found.ok:
             raise DataError(f"{thing} leaks the future; see above.")
 

@@ -6,8 +6,10 @@ agents of scene ``s`` are ``scene[s]:scene[s + 1]``. Positions are metres in the
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -40,6 +42,12 @@ class PredictorError(MotionGymError, ValueError):
 
 class ActionError(MotionGymError, ValueError):
     """An action given to an environment is not a forecast that it can take."""
+
+
+def raised_at(error: BaseException) -> str:
+    """File and line that raised an exception, for messages about code of others."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{Path(last.filename).name}, line {last.lineno}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import traceback
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +18,7 @@ from motion_gym.contract import (
     Predictor,
     PredictorError,
     Truth,
+    raised_at,
 )
 from motion_gym.domains import training_set
 from motion_gym.windows import check_truth
@@ -75,7 +74,9 @@ def windows_of_domain(domain: Domain, split: str) -> Truth:
     except MotionGymError:
         raise
     except (Exception, SystemExit) as error:
-        raise DataError(f"{name}.windows({split!r}) raised {type(error).__name__}: {error}.") from error
+        raise DataError(
+            f"{name}.windows({split!r}) raised {type(error).__name__}: {error} ({raised_at(error)})."
+        ) from error
     return check_truth(truth, f"{name}.windows({split!r})")
 
 
@@ -180,14 +181,8 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
         elif isinstance(error, TypeError) and "argument" in str(error):
             remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
         said = f": {str(error).rstrip('.')}" if str(error) else ""
-        message = f"{name_of(predictor)}.{method} raised {type(error).__name__}{said} ({_where(error)}).{remedy}"
+        message = f"{name_of(predictor)}.{method} raised {type(error).__name__}{said} ({raised_at(error)}).{remedy}"
         raise PredictorError(message) from error
-
-
-def _where(error: BaseException) -> str:
-    """File and line that raised an exception."""
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{Path(last.filename).name}, line {last.lineno}"
 
 
 def _locked(array: np.ndarray) -> np.ndarray:

@@ -74,6 +74,8 @@ def conditions(results: Sequence[Result]) -> list[str]:
     ]
     shown = {r["predictor"]: r["reference_scenes"] for r in results if r["reference_scenes"]}
     lines += [f"{name}: was shown reference scenes, disjoint from those scored" for name in shown]
+    single = dict.fromkeys(r["predictor"] for r in results if r["samples"] < r["k"])
+    lines += [f"{', '.join(single)}: deterministic, one forecast stands for all {first['k']} samples"] if single else []
     selected: dict[str, dict[str, None]] = {}
     for result in results:
         selected.setdefault(result["selection"], {})[result["predictor"]] = None

@@ -99,7 +99,13 @@ def _complete(result: dict[str, Any]) -> bool:
         plain = all(
             isinstance(result[key], str) for key in ("predictor", "spec", "split", "protocol", "scored", "finished")
         )
-        return numbers and plain and isinstance(result["leaks"], list) and isinstance(result["identity"]["domain"], str)
+        return (
+            numbers
+            and plain
+            and isinstance(result["samples"], int)
+            and isinstance(result["leaks"], list)
+            and isinstance(result["identity"]["domain"], str)
+        )
     except (KeyError, TypeError, IndexError):
         return False
 

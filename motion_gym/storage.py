@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
@@ -127,14 +128,20 @@ def _entry_name(key: Mapping[str, Any]) -> str:
     return f"{prefix}-{hashlib.sha256(canonical.encode()).hexdigest()[:32]}.npz"
 
 
+PASSING = (errno.ENOENT, errno.EACCES, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
+"""What keeps an entry from being read without its being damaged."""
+
+
 def _load(path: Path) -> dict[str, np.ndarray] | None:
     """Arrays of an entry, checked by the checksums of the zip format; a damaged entry is removed."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except (OSError, MemoryError):
-        return None  # not there, or not to be read just now
-    except Exception:  # a damaged archive raises any of about ten types
+    except MemoryError:
+        return None
+    except Exception as error:  # a damaged archive raises any of about ten types
+        if isinstance(error, OSError) and error.errno in PASSING:
+            return None
         with contextlib.suppress(OSError):
             path.unlink()
         return None

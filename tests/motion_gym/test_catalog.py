@@ -171,9 +171,12 @@ def test_unknown_parameters_of_a_class_are_named():
         catalog.predictor(Needs, a=1, c=3)
 
 
-def test_a_constructors_own_type_error_is_left_alone():
-    with pytest.raises(TypeError, match="a fault of its own"):
+def test_a_constructors_own_error_says_where_it_is():
+    with pytest.raises(
+        SpecError, match=r"raised TypeError: a fault of its own \(test_catalog.py, line \d+\)"
+    ) as caught:
         catalog.predictor(f"{HERE}:Broken")
+    assert isinstance(caught.value.__cause__, TypeError)
 
 
 def test_missing_modules_and_classes():
@@ -188,7 +191,7 @@ def test_missing_modules_and_classes():
 def test_a_module_that_imports_something_missing_says_so_itself(tmp_path, monkeypatch):
     (tmp_path / "half_installed.py").write_text("import surely_not_there\n")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ModuleNotFoundError, match="surely_not_there"):
+    with pytest.raises(SpecError, match=r"raised ModuleNotFoundError.*surely_not_there.*\(half_installed.py, line 1\)"):
         catalog.predictor("half_installed:Class")
 
 

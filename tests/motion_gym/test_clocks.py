@@ -312,7 +312,7 @@ def test_weights_say_which_sample_is_scored():
         forecast = Forecast(positions, None if weights is None else np.array(weights, np.float32))
         windows, stream = (
             WindowsClock(truth),
-            StreamClock([Recording(np.arange(9), np.zeros(9), np.zeros((9, 2)), 0.4)]),
+            StreamClock([Recording(np.arange(9), np.zeros(9, np.int64), np.zeros((9, 2)), 0.4)]),
         )
         windows.reset(), stream.reset()
         assert windows.step(forecast).reward.tolist() == stream.step(forecast).reward.tolist() == [expected]
