@@ -106,7 +106,7 @@ def cached_arrays(key: Mapping[str, Any], make: Callable[[], dict[str, np.ndarra
         raise SpecError(f"arrays of Python objects cannot be cached: {', '.join(objects)}; use numbers or strings")
     try:
         with atomic_file(path) as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]  # not compressed: loads at the speed of the disk
+            np.savez(file, **arrays, **{NAMES: np.array(sorted(arrays))})  # type: ignore[arg-type]  # not compressed: loads at the speed of the disk
     except StorageError as error:
         warnings.warn(
             f"Not cached: {error} The result is used all the same, but will be made again next time.",
@@ -128,6 +128,7 @@ def _entry_name(key: Mapping[str, Any]) -> str:
     return f"{prefix}-{hashlib.sha256(canonical.encode()).hexdigest()[:32]}.npz"
 
 
+NAMES = "__names__"
 PASSING = (errno.ENOENT, errno.EACCES, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
 """What keeps an entry from being read without its being damaged."""
 
@@ -136,7 +137,11 @@ def _load(path: Path) -> dict[str, np.ndarray] | None:
     """Arrays of an entry, checked by the checksums of the zip format; a damaged entry is removed."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+            arrays = {name: archive[name] for name in archive.files}
+        # The checksums of the zip format do not cover the names of its members.
+        if arrays.pop(NAMES).tolist() != sorted(arrays):
+            raise ValueError("the names of the arrays are damaged")
+        return arrays
     except MemoryError:
         return None
     except Exception as error:  # a damaged archive raises any of about ten types
