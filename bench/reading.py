@@ -33,14 +33,19 @@ def importing(module: str) -> float:
     return float(seconds)
 
 
+def spread(times: list[float]) -> str:
+    """Best and median of several runs: on a shared machine the two may be far apart."""
+    return f"best {min(times):.3f} s, median {statistics.median(times):.3f} s of {len(times)}"
+
+
 if __name__ == "__main__":
     print(f"Reading and importing. {machine()}")
     times = [reading() for _ in range(7)]
-    print(f"seven training files, read, checked and windowed with sigma: median {statistics.median(times):.3f} s")
+    print(f"seven training files, read, checked and windowed with sigma: {spread(times)}")
     train, validation = training_set(motion_gym.domain("eth:alpha=1"))
     began = time.perf_counter()
     motion_gym.predictor("linear:sigma=true").fit(train, validation)
     print(f"linear:sigma=true fitted to them: {time.perf_counter() - began:.3f} s")
     for module in ("motion_gym", "gymnasium"):
-        times = [importing(module) for _ in range(5)]
-        print(f"import {module}: median {statistics.median(times):.3f} s, torch not imported")
+        times = [importing(module) for _ in range(9)]
+        print(f"import {module}: {spread(times)}, torch not imported")
