@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from motion_gym.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
     from motion_gym.evaluation import Scorecard, compare, evaluate
     from motion_gym.leaks import leak_probe
-    from motion_gym.parallel import parallel_env
+    from motion_gym.pettingzoo_env import parallel_env
     from motion_gym.recordings import read_recording
 
 __version__ = "0.1.0"
@@ -27,7 +27,7 @@ _LAZY = {
     "forecast_to_dict": "motion_gym.dicts",
     "leak_probe": "motion_gym.leaks",
     "observation_from_dict": "motion_gym.dicts",
-    "parallel_env": "motion_gym.parallel",
+    "parallel_env": "motion_gym.pettingzoo_env",
     "read_recording": "motion_gym.recordings",
     "truth_from_infos": "motion_gym.dicts",
 }

@@ -14,7 +14,7 @@ from typing import Any
 from motion_gym import catalog
 from motion_gym.contract import Domain, Predictor, PredictorError, SpecError
 from motion_gym.domain_rules import DOMAIN_RULES, apply_domain_rules
-from motion_gym.prediction import name_of
+from motion_gym.harness import name_of
 from motion_gym.predictor_rules import PREDICTOR_RULES, apply_predictor_rules
 
 __all__ = [

@@ -13,8 +13,8 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, Card, DataError, MotionGymError, Observation, Recording, Truth
+from motion_gym.predictor_trials import Report, writable
 from motion_gym.recordings import check_recording
-from motion_gym.trials import Report, writable
 from motion_gym.windows import Tracks, counts
 
 DOMAIN_RULES = {

@@ -28,9 +28,9 @@ from motion_gym.contract import (
 )
 from motion_gym.dicts import forecast_to_dict, observation_from_dict
 from motion_gym.domains import spec_of
+from motion_gym.harness import ask, name_of, ready, tell, windows_of_domain
 from motion_gym.metrics import error_by_horizon, metric_rows, score
-from motion_gym.parallel import ForecastEnv
-from motion_gym.prediction import ask, name_of, ready, tell, windows_of_domain
+from motion_gym.pettingzoo_env import ForecastEnv
 from motion_gym.windows import counts, pick_scenes
 
 PROTOCOLS: Mapping[str, str] = {

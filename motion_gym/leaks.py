@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.changed_future import Stage
 from motion_gym.contract import Domain, Forecast, Observation, Predictor, SpecError, Truth
 from motion_gym.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
 from motion_gym.domains import spec_of
-from motion_gym.parallel import CLOCKS, ForecastEnv
-from motion_gym.prediction import ask, name_of, ready, tell
-from motion_gym.second_world import Stage
-from motion_gym.state import changed, global_randomness, leaves
+from motion_gym.harness import ask, name_of, ready, tell
+from motion_gym.pettingzoo_env import CLOCKS, ForecastEnv
+from motion_gym.snapshot import changed, global_randomness, leaves
 
 SAMPLES = 2
 """Samples asked for, so that a stochastic predictor has to draw."""

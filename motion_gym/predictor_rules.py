@@ -15,9 +15,9 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.contract import Forecast, MotionGymError, PredictorError
-from motion_gym.prediction import guarded
-from motion_gym.state import changed, global_randomness, shared_arrays, snapshot
-from motion_gym.trials import Report, Subject, Trial, domain_trial, swapped, synthetic_trial, writable
+from motion_gym.harness import guarded
+from motion_gym.predictor_trials import Report, Subject, Trial, domain_trial, swapped, synthetic_trial, writable
+from motion_gym.snapshot import changed, global_randomness, shared_arrays, snapshot
 from motion_gym.windows import pick_scenes
 
 PREDICTOR_RULES = {

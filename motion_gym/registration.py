@@ -17,11 +17,11 @@ def register_all() -> None:
         if env_id not in gymnasium.registry:
             gymnasium.register(
                 env_id,
-                entry_point="motion_gym.single:WindowEnv",
-                vector_entry_point="motion_gym.single:WindowVectorEnv",
+                entry_point="motion_gym.gymnasium_env:WindowEnv",
+                vector_entry_point="motion_gym.gymnasium_env:WindowVectorEnv",
                 kwargs={"domain": name},
             )
         if env_id not in pettingzoo.parallel_registry:
             pettingzoo.register(
-                "parallel", env_id, entry_point="motion_gym.parallel:parallel_env", kwargs={"domain": name}
+                "parallel", env_id, entry_point="motion_gym.pettingzoo_env:parallel_env", kwargs={"domain": name}
             )

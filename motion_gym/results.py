@@ -23,7 +23,7 @@ from motion_gym import catalog
 from motion_gym.contract import DataError, Domain, Predictor, Truth
 from motion_gym.domains import spec_of
 from motion_gym.evaluation import default_k, evaluate
-from motion_gym.prediction import windows_of_domain
+from motion_gym.harness import windows_of_domain
 from motion_gym.storage import write_atomic
 
 PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo")

@@ -10,9 +10,9 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from motion_gym.bootstrap import Summary, summarise
 from motion_gym.contract import Forecast, SpecError
+from motion_gym.gymnasium_env import WindowEnv
 from motion_gym.metrics import score
-from motion_gym.parallel import ForecastEnv
-from motion_gym.single import WindowEnv
+from motion_gym.pettingzoo_env import ForecastEnv
 from motion_gym.windows import pick_scenes
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import motion_gym
 from motion_gym.clocks import Ledger, Settled, Step, StreamClock, WindowsClock
 from motion_gym.contract import DataError, Forecast, Observation, Recording, Truth
+from motion_gym.harness import ask
 from motion_gym.metrics import ade
-from motion_gym.prediction import ask
 from motion_gym.windows import pick_scenes, positions_only, windows_of
 
 SPELLS = st.sampled_from((1, 7, 8, 9, 12, 19, 20, 22, 30))

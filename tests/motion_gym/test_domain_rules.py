@@ -7,7 +7,8 @@ import types
 import numpy as np
 import pytest
 
-from motion_gym import checks, trials
+from motion_gym import checks
+from motion_gym import predictor_trials as trials
 from motion_gym.contract import Recording, SpecError, Truth
 from motion_gym.domains import RecordedDomain
 from motion_gym.windows import pick_scenes, windows_of

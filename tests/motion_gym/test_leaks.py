@@ -12,7 +12,7 @@ from motion_gym.contract import FUTURE, Card, Forecast, Recording, SpecError
 from motion_gym.domains import RecordedDomain
 from motion_gym.envs.orca import Orca
 from motion_gym.leaks import leak_probe
-from motion_gym.parallel import CLOCKS
+from motion_gym.pettingzoo_env import CLOCKS
 from motion_gym.predictors.constant_velocity import ConstantVelocity
 from motion_gym.predictors.linear import Linear
 

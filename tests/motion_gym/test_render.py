@@ -10,9 +10,9 @@ import pytest
 
 from motion_gym.contract import Recording, SpecError
 from motion_gym.domains import RecordedDomain
-from motion_gym.parallel import ForecastEnv
+from motion_gym.gymnasium_env import WindowEnv
+from motion_gym.pettingzoo_env import ForecastEnv
 from motion_gym.render import FORECAST_COLOR, HISTORY_COLOR, TRUTH_COLOR, Canvas
-from motion_gym.single import WindowEnv
 
 
 class Lanes(RecordedDomain):

@@ -78,7 +78,7 @@ def test_data_hashes_are_kept(tmp_path, eth_ucy):
     }
     assert kept["domain"]["side_channels"] == ["sigma"]
     assert kept["leaks"] == ["oracle side channel: sigma reads the future"] and kept["oracle"] is False
-    assert kept["scored"] == "agents complete over all 20 steps, windows with 2 or more"
+    assert kept["scored"] == "agents complete over all 20 steps, at least 2 in every window"
     assert kept["metrics"]["ADE"]["agents"] == 36
 
 

@@ -11,8 +11,8 @@ from pettingzoo.utils import BaseParallelWrapper
 
 import motion_gym
 from motion_gym.contract import Forecast, Observation, SpecError
-from motion_gym.parallel import ForecastEnv
-from motion_gym.single import WindowEnv, WindowVectorEnv
+from motion_gym.gymnasium_env import WindowEnv, WindowVectorEnv
+from motion_gym.pettingzoo_env import ForecastEnv
 from motion_gym.wrappers import ScoreParallel, ScoreWindows
 
 SPECS = ["eth:alpha=8", "orca:scenes=20,agents=3,d=0.6"]

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym
-from motion_gym import metrics, trials
+from motion_gym import metrics
+from motion_gym import predictor_trials as trials
 from motion_gym.contract import DataError, PredictorError, SpecError, Truth
 from motion_gym.domains import training_set
 from motion_gym.windows import pick_scenes

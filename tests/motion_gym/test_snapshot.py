@@ -8,7 +8,7 @@ import types
 import numpy as np
 import pytest
 
-from motion_gym.state import changed, global_randomness, shared_arrays, snapshot
+from motion_gym.snapshot import changed, global_randomness, shared_arrays, snapshot
 
 
 class Holder:

@@ -20,8 +20,8 @@ from motion_gym.contract import (
     SpecError,
     check_action,
 )
+from motion_gym.harness import windows_of_domain
 from motion_gym.metrics import distance, mean_over_known
-from motion_gym.prediction import windows_of_domain
 from motion_gym.render import Canvas, check_render_mode
 from motion_gym.windows import pick_scenes
 

@@ -10,9 +10,9 @@ from gymnasium.utils.env_checker import data_equivalence
 import motion_gym
 from motion_gym.contract import ActionError, Forecast, Recording, SpecError
 from motion_gym.domains import RecordedDomain
+from motion_gym.harness import ask
 from motion_gym.metrics import ade
-from motion_gym.parallel import ForecastEnv
-from motion_gym.prediction import ask
+from motion_gym.pettingzoo_env import ForecastEnv
 from motion_gym.windows import stack
 
 SPELLS = {2: [(0, 45)], 5: [(3, 24), (28, 40)], 7: [(5, 12)], 9: [(0, 20), (21, 45)], 4: [(30, 38)]}

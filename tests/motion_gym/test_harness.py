@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 
-from motion_gym import trials
+from motion_gym import predictor_trials as trials
 from motion_gym.contract import Card, Forecast, PredictorError, SpecError
 from motion_gym.domains import freeze
-from motion_gym.prediction import ask, checked, frozen, guarded, name_of, ready, tell
+from motion_gym.harness import ask, checked, frozen, guarded, name_of, ready, tell
 from motion_gym.predictors.linear import Linear
 from motion_gym.windows import pick_scenes
 

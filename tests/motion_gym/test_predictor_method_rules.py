@@ -8,7 +8,7 @@ import pytest
 
 from motion_gym import checks
 from motion_gym.contract import PredictorError
-from motion_gym.state import snapshot
+from motion_gym.snapshot import snapshot
 
 
 def walk(observation, samples=1):

@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode
 import motion_gym
 from motion_gym.contract import ActionError, Recording, SpecError
 from motion_gym.domains import RecordedDomain
+from motion_gym.gymnasium_env import WindowEnv, WindowVectorEnv
+from motion_gym.harness import ask
 from motion_gym.metrics import ade
-from motion_gym.prediction import ask
-from motion_gym.single import WindowEnv, WindowVectorEnv
 
 
 class Groups(RecordedDomain):

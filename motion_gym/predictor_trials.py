@@ -12,8 +12,8 @@ import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, Forecast, MotionGymError, Observation, SpecError, Truth
 from motion_gym.domains import TrainingSet, training_set
-from motion_gym.prediction import checked, guarded, name_of
-from motion_gym.state import global_randomness, snapshot
+from motion_gym.harness import checked, guarded, name_of
+from motion_gym.snapshot import global_randomness, snapshot
 from motion_gym.windows import pick_scenes
 
 MIXED = (1, 2, 5, 1, 2)

@@ -12,7 +12,7 @@ from pettingzoo import ParallelEnv
 from motion_gym import catalog
 from motion_gym.clocks import Clock, Ledger, Settled, Step, StreamClock, WindowsClock
 from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, SpecError, check_action
-from motion_gym.prediction import windows_of_domain
+from motion_gym.harness import windows_of_domain
 from motion_gym.render import Canvas, check_render_mode
 from motion_gym.windows import positions_only
 
