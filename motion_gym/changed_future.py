@@ -83,6 +83,8 @@ class Stage:
         """Times at which somebody is observed, one drawn in each of as many equal parts of the first 2000 steps."""
         parts = (np.arange(number) + np.random.default_rng(self.seed).random(number)) / number
         times = self._candidates[:LATEST]
+        if len(self._candidates) > LATEST:
+            self.unprobed.append(f"times after the first {LATEST} of {len(self._candidates)} steps")
         return sorted({int(t) for t in times[(parts * len(times)).astype(int)]})
 
     def restore(self) -> None:
