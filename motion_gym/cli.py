@@ -116,10 +116,10 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
         name: Domain or predictor to explain, with its parameters; nothing lists them all.
     """
     if name is not None:
-        target = {**catalog.DOMAINS, **catalog.PREDICTORS}.get(name)
-        if target is None and not _is_predictor(name) and ":" not in name:
-            raise SpecError(f"There is nothing to explain about `{name}`.")
-        kind = catalog.load_class(target.target if target else name)
+        _is_predictor(name)  # says what is wrong with a name that is neither predictor nor domain
+        target, _ = catalog.parse_spec(name)
+        entry = {**catalog.DOMAINS, **catalog.PREDICTORS}.get(target)
+        kind = catalog.load_class(entry.target if entry else target)
         _say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")
         parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
         if parent is not None and "## Arguments" not in (kind.__doc__ or ""):

@@ -15,7 +15,7 @@ import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, DataError, Forecast, Observation, Recording, Truth
 from motion_gym.metrics import distance, mean_over_known
-from motion_gym.windows import Features, Tracks, pick_scenes, positions_only, stack
+from motion_gym.windows import Features, Tracks, offsets, pick_scenes, positions_only, stack
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +164,13 @@ class StreamClock:
             raise DataError(f"Recordings of one stream have the same step, but these have dt {sorted(steps)} seconds.")
         ticks = np.cumsum([0] + [p.ticks for p in parts])
         counts = np.cumsum([0] + [int(p.track.max(initial=-1)) + 1 for p in parts])
-        lowest = [int(p.agent.min(initial=0)) for p in parts]
-        shifts = np.cumsum([0] + [int(p.agent.max(initial=-1)) - low + 1 for p, low in zip(parts, lowest, strict=True)])
+        shifts = np.cumsum([0] + [int(p.agent.max(initial=-1)) + 1 for p in parts])
         join = np.concatenate
         self.dt = parts[0].dt
         self.tracks = Tracks(
             join([p.tick + t for p, t in zip(parts, ticks, strict=False)]),
             join([p.track + c for p, c in zip(parts, counts, strict=False)]),
-            join([p.agent - low + s for p, low, s in zip(parts, lowest, shifts, strict=False)]),
+            join([p.agent + s for p, s in zip(parts, shifts, strict=False)]),
             join([p.xy for p in parts]),
             join([p.age for p in parts]),
             join([p.left for p in parts]),
@@ -315,7 +314,7 @@ class Ledger:
         person = np.concatenate([e.person for e in self.entries])
         chosen = Observation(
             observation.history[keep],
-            np.concatenate([[0], np.cumsum(sizes[sizes > 0])]).astype(np.int64),
+            offsets(sizes[sizes > 0]),
             person[keep],
             observation.dt,
         )

@@ -170,10 +170,12 @@ def evaluate(
     if not len(truth.future):
         raise SpecError(f"Split `{split}` of {place!r} has no agent to score.")
     made = ready(predictor, place, seed)
-    if hasattr(made, "observe") and protocol == "paper" and through == "environment":
+    observes = hasattr(made, "observe")
+    leaking = observes and protocol == "paper"
+    if leaking and through == "environment":
         raise SpecError("The paper protocol shows a predictor the batch it forecasts: use through='arrays'.")
     references = 0
-    if hasattr(made, "observe") and protocol == "honest":
+    if observes and protocol == "honest":
         reference = place.reference()
         shared = _shared_agents(reference, truth)
         if shared:
@@ -184,14 +186,13 @@ def evaluate(
         tell(made, reference)
         references = reference.observation.scenes
     began = time.perf_counter()
-    if hasattr(made, "observe") and protocol == "paper":
+    if leaking:
         forecast = _by_leaking_batches(made, truth, k, seed)
     elif through == "environment":
-        forecast, truth = _by_stepping(made, place, split, k, seed)
+        forecast, truth = _by_stepping(made, place, split, truth, k, seed)
     else:
         forecast = ask(made, truth.observation, k, seed)
     seconds = time.perf_counter() - began
-    leaking = hasattr(made, "observe") and protocol == "paper"
     if through == "arrays" and not leaking and not hasattr(made, "know"):
         _check_scenes_apart(made, truth.observation, forecast, k, seed)
     values = score(forecast, truth, k)
@@ -211,7 +212,7 @@ def evaluate(
         horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
         versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
         oracle=hasattr(made, "know"),
-        leaks=_leaks(made, card, protocol),
+        leaks=_leaks(card, leaking),
         scored=_scored(truth),
         selection=getattr(made, "selection", UNSTATED),
         reference_scenes=references,
@@ -233,8 +234,7 @@ def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
     Raises:
         SpecError: the cards are about different windows, or lack the metric.
     """
-    same = len(a.truth.future) == len(b.truth.future) and np.array_equal(a.truth.future, b.truth.future)
-    if not same:
+    if not np.array_equal(a.truth.future, b.truth.future):
         raise SpecError("The two scorecards are about different windows: compare predictors on one domain and split.")
     for card in (a, b):
         if metric not in card.values:
@@ -257,8 +257,9 @@ def _check_scenes_apart(predictor: Predictor, observation: Observation, forecast
     history = observation.history.copy()
     history[~stays, :, :2] += rng.normal(0, 0.5, (int((~stays).sum()), HISTORY, 2)).cumsum(axis=1).astype(np.float32)
     other = ask(predictor, dataclasses.replace(observation, history=history), k, seed)
-    off = np.abs(other.positions[stays] - forecast.positions[stays]).max(initial=0)
-    if other.positions.shape != forecast.positions.shape or off > 1e-3:
+    same = other.positions.shape == forecast.positions.shape
+    off = np.abs(other.positions[stays] - forecast.positions[stays]).max(initial=0) if same else np.inf
+    if off > 1e-3:
         raise PredictorError(
             f"{name_of(predictor)} forecasts a scene otherwise when other scenes of the batch change (by up to "
             f"{off:.3f} m). The batch holds overlapping windows, and with them the future: forecast every scene from "
@@ -266,10 +267,10 @@ def _check_scenes_apart(predictor: Predictor, observation: Observation, forecast
         )
 
 
-def _by_stepping(predictor: Predictor, domain: Domain, split: str, k: int, seed: int) -> tuple[Forecast, Truth]:
-    samples = (
-        k if len(ask(predictor, pick_scenes(domain.windows(split), [0]).observation, k, seed).positions[0]) > 1 else 1
-    )
+def _by_stepping(
+    predictor: Predictor, domain: Domain, split: str, truth: Truth, k: int, seed: int
+) -> tuple[Forecast, Truth]:
+    samples = ask(predictor, pick_scenes(truth, [0]).observation, k, seed).positions.shape[1]
     env = ForecastEnv(domain, split=split, samples=samples)
     observations, _ = env.reset()
     forecasts = []
@@ -293,19 +294,18 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
     return Forecast.join(parts)
 
 
-def _leaks(predictor: Any, card: Card, protocol: str) -> tuple[str, ...]:
+def _leaks(card: Card, leaking: bool) -> tuple[str, ...]:
     leaks = []
     if card.side_channels:
         leaks.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
-    if hasattr(predictor, "observe") and protocol == "paper":
+    if leaking:
         leaks.append("leak of the paper protocol: the style is read from the scored scenes' own future")
     return tuple(leaks)
 
 
 def _scored(truth: Truth) -> str:
     """Which agents were scored, as the truth itself says."""
-    sizes = np.diff(truth.observation.scene)
-    least = int(sizes[sizes > 0].min())
+    least = int(np.diff(truth.observation.scene).min())
     complete = "agents complete over all 20 steps" if truth.known.all() else "agents, also those who left early"
     return complete + (f", at least {least} in every window" if least > 1 else "")
 

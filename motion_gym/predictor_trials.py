@@ -14,7 +14,7 @@ from motion_gym.contract import FUTURE, HISTORY, WINDOW, Forecast, MotionGymErro
 from motion_gym.domains import TrainingSet, training_set
 from motion_gym.harness import checked, guarded, name_of
 from motion_gym.snapshot import global_randomness, snapshot
-from motion_gym.windows import pick_scenes
+from motion_gym.windows import offsets, pick_scenes
 
 MIXED = (1, 2, 5, 1, 2)
 PAIRS = (2, 2, 2, 2)
@@ -74,7 +74,7 @@ def synthetic(sizes: Sequence[int], features: int, seed: int, far: float = 0.0) 
     xy[agents - sizes[-1] :, :, 0] += far
     more = rng.uniform(1, 2, (agents, HISTORY, features - 2))
     history = np.concatenate([xy[:, :HISTORY], more], axis=2).astype(np.float32)
-    scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    scene = offsets(np.asarray(sizes))
     observation = Observation(history, scene, np.arange(agents), 0.4)
     return Truth(xy[:, HISTORY:].astype(np.float32), np.ones((agents, FUTURE), bool), observation)
 

@@ -49,13 +49,18 @@ def run(
         The result as in the file: a scorecard (``Scorecard.as_dict``) and where it comes from.
     """
     k = default_k(protocol) if k is None else k
-    identity = _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed)
-    digest = hashlib.sha256(json.dumps(identity, sort_keys=True, default=str).encode()).hexdigest()[:12]
+    canonical = json.dumps(
+        _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed),
+        sort_keys=True,
+        default=str,
+    )
+    identity = json.loads(canonical)
+    digest = hashlib.sha256(canonical.encode()).hexdigest()[:12]
     slug = re.sub(r"[^A-Za-z0-9.=-]+", "_", f"{predictor}--{spec_of(domain)}").strip("_")[:120]
     path = None if folder is None else folder / f"{slug}--{digest}.json"
     if path is not None and path.exists():
         found = read(path)
-        if found["identity"] != json.loads(json.dumps(identity, default=str)):
+        if found["identity"] != identity:
             raise DataError(f"{path} is the result of another run. Delete or move it, and run the command again.")
         return found
     card = evaluate(predictor, domain, split=split, k=k, protocol=protocol, seed=seed)

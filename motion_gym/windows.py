@@ -25,7 +25,7 @@ class Tracks:
     Attributes:
         tick: [R] int64, index of the row's frame among the listed frames.
         track: [R] int64, which unbroken track the row belongs to, 0 .. T - 1.
-        agent: [R] int64, id of the agent as in the recording.
+        agent: [R] int64, id of the agent as in the recording, shifted so that none is negative.
         xy: [R, 2] float64, metres.
         age: [R] int64, rows of the same track before this one.
         left: [R] int64, rows of the same track after this one.
@@ -53,7 +53,8 @@ class Tracks:
             check_recording(recording)
         frames, tick = np.unique(recording.frame, return_inverse=True)
         order = np.lexsort((tick, recording.agent))
-        tick, agent = tick[order].astype(np.int64), recording.agent[order]
+        # Not negative, so that ids of several recordings can be told apart by adding to them.
+        tick, agent = tick[order].astype(np.int64), recording.agent[order] - recording.agent.min(initial=0)
         new = np.ones(len(tick), bool)
         new[1:] = (agent[1:] != agent[:-1]) | (tick[1:] != tick[:-1] + 1)
         track = np.cumsum(new) - 1
@@ -91,6 +92,11 @@ def positions_only(positions: np.ndarray, known: np.ndarray) -> np.ndarray:
     return positions[:, :HISTORY]
 
 
+def offsets(sizes: np.ndarray) -> np.ndarray:
+    """[S + 1] int64, where scenes of the given sizes begin and end."""
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
 def windows_of(
     recordings: Iterable[Recording], features: Features = positions_only, min_agents: int = 1, stride: int = 1
 ) -> Truth:
@@ -120,10 +126,9 @@ def windows_of(
         row, start = row[enough], start[enough]
         row = row[np.lexsort((tracks.agent[row], start))]
         sizes = count[count >= max(min_agents, 1)]
-        scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        lowest = int(recording.agent.min(initial=0))
-        parts.append(tracks.truth(row, scene, tracks.agent[row] - lowest + shift, features))
-        shift += int(recording.agent.max(initial=-1)) - lowest + 1
+        scene = offsets(sizes)
+        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features))
+        shift += int(tracks.agent.max(initial=-1)) + 1
     return stack(parts)
 
 
@@ -143,7 +148,7 @@ def stack(parts: Sequence[Truth]) -> Truth:
     sizes = np.concatenate([np.diff(p.observation.scene) for p in parts])
     observation = Observation(
         np.concatenate([p.observation.history for p in parts]),
-        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        offsets(sizes),
         np.concatenate([p.observation.agent for p in parts]),
         parts[0].observation.dt,
     )
@@ -160,7 +165,7 @@ def pick_scenes_of(observation: Observation, scenes: np.ndarray | list[int] | sl
     """The given scenes of an observation, in the given order."""
     rows = rows_of(observation, scenes)
     sizes = observation.scene[1:][scenes] - observation.scene[:-1][scenes]
-    scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    scene = offsets(sizes)
     return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pettingzoo.utils import BaseParallelWrapper
 
 from motion_gym.bootstrap import Summary, summarise
-from motion_gym.contract import Forecast, SpecError
+from motion_gym.contract import Forecast, SpecError, Truth
 from motion_gym.gymnasium_env import WindowEnv
 from motion_gym.metrics import score
 from motion_gym.pettingzoo_env import ForecastEnv
@@ -45,7 +45,7 @@ class ScoreParallel(BaseParallelWrapper):
         if not ledger.matured:
             raise SpecError("No forecast has matured yet: step the environment further before you ask for a score.")
         forecast, truth = ledger.matured_only()
-        return summarise(score(forecast, truth, forecast.positions.shape[1]), truth.observation)
+        return _summary(forecast, truth)
 
 
 class ScoreWindows(gymnasium.Wrapper):
@@ -85,7 +85,12 @@ class ScoreWindows(gymnasium.Wrapper):
         forecast = Forecast(np.concatenate(self._forecasts))
         whole = self.unwrapped.padded.truth  # type: ignore[attr-defined]
         truth = pick_scenes(whole, slice(0, len(self._forecasts)))
-        return summarise(score(forecast, truth, forecast.positions.shape[1]), truth.observation)
+        return _summary(forecast, truth)
+
+
+def _summary(forecast: Forecast, truth: Truth) -> dict[str, Summary]:
+    """Every metric for as many samples as the forecast has."""
+    return summarise(score(forecast, truth, forecast.positions.shape[1]), truth.observation)
 
 
 def _must_be(env: Any, kind: type) -> None:

@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import load as load_safetensors
 from safetensors.torch import save as save_safetensors
 
-from motion_gym.contract import Forecast, Observation, PredictorError
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError
 from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.stgat_network import Draws, Weights, shapes, stage3
 from motion_gym.storage import write_atomic
@@ -73,7 +73,7 @@ class Stgat:
             )
         generator = torch.Generator().manual_seed(seed)
         weights = {key: value.expand(samples, *value.shape[1:]) for key, value in self.tensors.items()}
-        parts = [np.zeros((0, samples, 12, 2), np.float32)]
+        parts = [np.zeros((0, samples, FUTURE, 2), np.float32)]
         with torch.no_grad():
             for first in range(0, observation.scenes, SCENES_AT_ONCE):
                 part = pick_scenes_of(observation, slice(first, first + SCENES_AT_ONCE))
@@ -154,7 +154,7 @@ class Counterfactual(Stgat):
 def displacements(observation: Observation, features: int) -> np.ndarray:
     """Input of the network: [8, A, F] float32, displacements in metres (0 at the first step), then sigma."""
     xy = observation.xy.astype(np.float64)
-    steps = np.zeros((len(xy), 8, features), np.float32)
+    steps = np.zeros((len(xy), HISTORY, features), np.float32)
     steps[:, 1:, :2] = np.round(np.diff(xy, axis=1), 4)
     if features == 3:
         steps[:, :, 2] = observation.history[:, :, 2]
