@@ -42,6 +42,12 @@ PREDICTORS = {
     ),
     "stand_still": Entry("motion_gym.predictors.stand_still:StandStill", "stays at the last position"),
     "linear": Entry("motion_gym.predictors.linear:Linear", "ridge regression in the heading frame"),
+    "erm": Entry("motion_gym.predictors.stgat:Erm", "STGAT, the plain sum of all errors (given sigma)"),
+    "erm_no_sigma": Entry("motion_gym.predictors.stgat:ErmNoSigma", "STGAT, never given sigma"),
+    "counterfactual": Entry("motion_gym.predictors.stgat:Counterfactual", "STGAT with the counterfactual decoder"),
+    "invariant": Entry("motion_gym.predictors.stgat:Invariant", "STGAT with the paper's invariance penalty (IRMv1)"),
+    "vrex": Entry("motion_gym.predictors.stgat:VRex", "STGAT, variance of the environments' risks penalised"),
+    "group_dro": Entry("motion_gym.predictors.stgat:GroupDro", "STGAT trained for its worst environment"),
     "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),
 }
 
@@ -135,6 +141,11 @@ def load_class(target: str, kind: str = "object") -> type:
             raise SpecError(
                 f"There is no module `{module_name}` for the {kind} `{target}`. Run from the folder that holds "
                 f"{module_name.split('.')[0]}.py, or install its package."
+            ) from None
+        if error.name in ("torch", "safetensors", "numba") and module_name.startswith("motion_gym."):
+            raise SpecError(
+                f"The {kind} `{class_name}` needs PyTorch, and {error.name} is not installed: "
+                'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'
             ) from None
         raise SpecError(
             f"Importing `{module_name}` raised {type(error).__name__}: {error} ({raised_at(error)})."

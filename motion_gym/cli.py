@@ -11,11 +11,12 @@ from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from motion_gym import catalog, datasets, report, results
+from motion_gym import benchmarks, catalog, datasets, report, results
 from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError, SpecError
 from motion_gym.evaluation import BASELINE, PROTOCOLS
 from motion_gym.metrics import METRICS
@@ -42,6 +43,7 @@ def score(
     protocol: str = "honest",
     split: str = "test",
     seed: int = 0,
+    weights: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     out: Out = None,
 ) -> None:
     """Score predictors on domains, between constant velocity and the domain's oracle if it has one.
@@ -55,12 +57,15 @@ def score(
         protocol: honest or paper.
         split: Split to score.
         seed: Seed of samples and fits.
+        weights: Weights of those predictors that have some: a name, as spurious, or a .safetensors file.
         out: Folder for one JSON file per run; a run that is there already is not run again.
     """
     if not predictors:
         raise SpecError("No predictor was named: motion-gym score linear --domain eth. See `motion-gym ls`.")
     if not domain:
         raise SpecError("No domain was named: add --domain eth, or see `motion-gym ls`.")
+    if weights is not None:
+        predictors = _with_weights(predictors, weights)
     for predictor in predictors:
         catalog.predictor(predictor)
     places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
@@ -89,6 +94,154 @@ def demo(out: Out = None) -> None:
     _say("Next: write a predictor, as examples/own_predictor.py; from its folder:")
     _say("  motion-gym score own_predictor:Turning --domain orca:d=0.6")
     _say("(`motion-gym` is found after `. .venv/bin/activate`.)")
+
+
+def train(
+    predictor: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR")],
+    benchmark: str,
+    seeds: str = "0-4",
+    device: str = "cpu",
+    resume: bool = False,
+    epochs: Annotated[tuple[int, int, int] | None, tyro.conf.arg(metavar="INT INT INT")] = None,
+    every: int = 10,
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("weights"),
+) -> None:
+    """Train a predictor for a benchmark, all seeds in one pass.
+
+    Writes OUT/BENCHMARK/PREDICTOR.safetensors, its card, .json, and its last checkpoint, from which --resume goes on
+    with more epochs of the last stage. Score it: motion-gym score PREDICTOR --weights
+    OUT/BENCHMARK/PREDICTOR.safetensors --domain ...
+
+    Args:
+        predictor: Name or spec, as erm or invariant:penalty=1.
+        benchmark: What to train for: spurious (test on eth), spurious/hotel, original/hotel, ...
+        seeds: Seeds, as 0-4 or 0,2,5.
+        device: cpu or cuda.
+        resume: Go on from the last checkpoint; without it, one that is there is refused.
+        epochs: Epochs of the three stages; by default those of the benchmark.
+        every: Epochs from one checkpoint to the next.
+        out: Folder for weights and checkpoints.
+    """
+    made = catalog.predictor(predictor)
+    if not all(name in inspect.signature(getattr(made, "fit", print)).parameters for name in ("checkpoint", "report")):
+        raise SpecError(f"`{predictor}` is not trained in epochs: there is nothing to train. See `motion-gym ls`.")
+    plan = benchmarks.training(benchmark)
+    path = out / benchmark / f"{made.row}.safetensors"  # type: ignore[attr-defined]
+    checkpoint = path.with_suffix(".checkpoint")
+    if checkpoint.exists() and not resume:
+        raise SpecError(f"{checkpoint} is there already: add --resume to go on, or delete it to start again.")
+    options = {**plan.options, **({"epochs": epochs} if epochs else {})}
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, disable=not screen.is_terminal) as progress:
+        task = progress.add_task(made.name, total=None)  # type: ignore[attr-defined]
+
+        def report(state: Any) -> None:
+            score = "" if state.score is None else f", validation ADE {state.score:.3f} m"
+            text = f"{state.stage}: loss {state.loss:.3f}{score}"
+            progress.update(task, total=state.epochs, completed=state.epoch, description=text)
+
+        made.fit(  # type: ignore[attr-defined]
+            *plan.data(),
+            _seeds(seeds),
+            device=device,
+            checkpoint=checkpoint,
+            resume=resume,
+            every=every,
+            report=report,
+            **options,
+        )
+    made.save(path)  # type: ignore[attr-defined]
+    card = made.card  # type: ignore[attr-defined]
+    scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
+    _say(f"{path}: {len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} m.")
+
+
+def run(
+    benchmark: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="BENCHMARK")],
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results"),
+    into: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> None:
+    """Score every row of a benchmark, and write its tables and figures.
+
+    Writes OUT/BENCHMARK/: one JSON file per run (a run that is there already is not run again), tables.md and figures.
+
+    Args:
+        benchmark: spurious or original.
+        out: Folder of all results.
+        into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the short table into.
+    """
+    from motion_gym import benchmark_report
+
+    folder = out / benchmark
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
+        task = progress.add_task(benchmark, total=None)
+        found = benchmarks.run(
+            benchmark,
+            folder,
+            lambda done, of, what: progress.update(task, total=of, completed=done, description=escape(what)),
+        )
+    written = benchmark_report.write(benchmark, found, folder)
+    console.print(Markdown(benchmark_report.short(benchmark, found)))
+    if into is not None:
+        changed = report.insert(into, benchmark, benchmark_report.short(benchmark, found))
+        _say(f"{into}: {'written' if changed else 'already up to date'}")
+    for path in written:
+        _say(f"Written: {path}")
+
+
+def import_weights(
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")],
+    predictor: str,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> None:
+    """Turn a weight file of the paper's released program (.pth.tar) into one of ours.
+
+    The file is read safely: one that holds anything but tensors and plain values is refused, not opened.
+
+    Args:
+        file: The .pth.tar.
+        predictor: What it was trained as: erm, counterfactual or invariant.
+        out: Where the weights go; by default beside the file, ending in .safetensors.
+    """
+    made = catalog.predictor(predictor)
+    if not hasattr(made, "from_released"):
+        raise SpecError(f"`{predictor}` has no weights of the released program: erm, counterfactual or invariant have.")
+    target = out if out is not None else file.with_name(file.name.split(".pth")[0] + ".safetensors")
+    if target.suffix != ".safetensors":
+        raise SpecError(f"`--out {target}` must end in .safetensors.")
+    made.from_released(file).save(target)
+    _say(f"Written: {target} and its card. Score it:")
+    _say(f"  motion-gym score {predictor} --weights {target} --domain eth:alpha=8 --k 20")
+
+
+def _with_weights(predictors: Sequence[str], weights: str) -> list[str]:
+    """The specs, with weights where the predictor has some; SpecError if none has."""
+    found, any_of_them = [], False
+    for spec in predictors:
+        name, parameters = catalog.parse_spec(spec)
+        target = catalog.PREDICTORS[name].target if name in catalog.PREDICTORS else name
+        takes = "weights" in inspect.signature(catalog.load_class(target, "predictor")).parameters
+        any_of_them |= takes
+        found.append(catalog.format_spec(name, {**parameters, "weights": weights}) if takes else spec)
+    if not any_of_them:
+        raise SpecError(f"`--weights {weights}`: none of {', '.join(predictors)} has weights.")
+    return found
+
+
+def _seeds(text: str) -> list[int]:
+    """Seeds of ``0-4`` or ``0,2,5``."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        if not first.strip().isdecimal() or (dash and not last.strip().isdecimal()):
+            raise SpecError(f"`--seeds {text}` cannot be read: write 0-4, or 0,2,5.")
+        found += range(int(first), int(last or first) + 1)
+    if not found or len(set(found)) < len(found):
+        raise SpecError(f"`--seeds {text}` must name at least one seed, and each once.")
+    return found
 
 
 def table(
@@ -214,6 +367,9 @@ def data(
 COMMANDS: dict[str, Callable[..., Any]] = {
     "score": score,
     "demo": demo,
+    "train": train,
+    "run": run,
+    "import-weights": import_weights,
     "table": table,
     "ls": ls,
     "check": check,

@@ -200,7 +200,8 @@ class Predictor(Protocol):
         ``know(domain)``: oracles only; receives the domain itself. Whoever has it is labelled *oracle* everywhere.
 
     Optional attributes: ``fitted`` (bool), for those with ``fit``; ``selection`` (str), how the weights were selected,
-    which every result states.
+    which every result states; ``fingerprint`` (str), a digest of the weights, so that a result made with others is
+    another result.
     """
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast | np.ndarray:

@@ -166,13 +166,17 @@ def freeze(truth: Truth) -> Truth:
     return truth
 
 
-def training_set(domain: Any) -> TrainingSet:
+def training_set(domain: Any, **options: Any) -> TrainingSet:
     """What a predictor is fitted on before it meets a domain: the ``train`` and ``val`` windows of its sources.
+
+    Args:
+        domain: The domain to be met.
+        **options: Of the domain's ``sources``, as ``design="crossed"``.
 
     Raises:
         SpecError: the domain names no sources.
     """
-    sources = domain.sources() if hasattr(domain, "sources") else []
+    sources = domain.sources(**options) if hasattr(domain, "sources") else []
     if not sources:
         raise SpecError(
             f"Domain `{domain.card.name}` names no domains to train on: define `sources()` in its class, or fit the "

@@ -41,7 +41,7 @@ def row(result: Result, between: str = " ") -> list[str]:
     cells.append("-" if result["predictor"] == "constant_velocity" else _interval(difference, between, sign=True))
     if k > 1:
         for a, b in ((f"minADE_{k}", f"minFDE_{k}"), (f"JADE_{k}", f"JFDE_{k}")):
-            cells.append(f"{_number(metrics[a]['mean'])} / {_number(metrics[b]['mean'])}")
+            cells.append(f"{number(metrics[a]['mean'])} / {number(metrics[b]['mean'])}")
     return cells
 
 
@@ -158,7 +158,7 @@ def insert(path: Path, name: str, text: str) -> bool:
 
 def _cell(result: Result) -> str:
     _, ade, _, _, *best = row(result)
-    return ", ".join([f"{ade} / {_number(result['metrics']['FDE']['mean'])}", *best])
+    return ", ".join([f"{ade} / {number(result['metrics']['FDE']['mean'])}", *best])
 
 
 def _options(result: Result) -> tuple[Any, ...]:
@@ -173,10 +173,11 @@ def _by(results: Iterable[Result], key: Callable[[Result], Any]) -> list[list[Re
 
 
 def _interval(value: Mapping[str, Any], between: str, sign: bool = False) -> str:
-    low, high = _number(value["low"], sign), _number(value["high"], sign)
-    return f"{_number(value['mean'], sign)}{between}[{low}, {high}]"
+    low, high = number(value["low"], sign), number(value["high"], sign)
+    return f"{number(value['mean'], sign)}{between}[{low}, {high}]"
 
 
-def _number(value: float | None, sign: bool = False) -> str:
+def number(value: float | None, sign: bool = False) -> str:
+    """Three decimals, or ``-`` for None."""
     # Without the zero before the point, as papers print it, so that a table fits 80 columns.
     return "-" if value is None else re.sub(r"^([+-]?)0\.", r"\1.", f"{value:{'+' if sign else ''}.3f}")

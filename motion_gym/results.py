@@ -132,10 +132,10 @@ def read_folder(folder: Path) -> list[dict[str, Any]]:
     return list(found.values())
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that a number may depend on."""
+def versions(*packages: str) -> dict[str, str]:
+    """Versions of Python and of packages; by default those that any number may depend on."""
     found = {"python": platform.python_version()}
-    for package in PACKAGES:
+    for package in packages or PACKAGES:
         try:
             found[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
@@ -179,6 +179,7 @@ def _identity(
     return {
         "predictor": predictor,
         "predictor_code": _code(made),
+        "weights": getattr(made, "fingerprint", None),
         "domain": catalog.format_spec(card.name, dict(card.parameters)),
         "domain_code": _code(domain),
         "files": {**card.files, **_files(card.parameters)},

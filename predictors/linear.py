@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.windows import check_sigma, relative_to_scene
 
 
 class Linear:
@@ -18,17 +19,17 @@ class Linear:
     known are left out.
 
     Args:
-        sigma: Use the third feature of the history too. The default never looks at it.
+        sigma: True: use the third feature of the history too. ``"relative"``: divided by its mean over the scene, so
+            that its scale is of no account. The default never looks at it.
         ridge: L2 weight, >= 0, in the units of the data (metres, and whatever unit sigma has).
     """
 
     selection = "fitted in closed form to the train windows of the sources; nothing was selected"
 
-    def __init__(self, sigma: bool = False, ridge: float = 1.0):
+    def __init__(self, sigma: bool | str = False, ridge: float = 1.0):
         if isinstance(ridge, (str, bool)) or not 0 <= ridge < np.inf:
             raise SpecError(f"`ridge={ridge}` of linear must be a number, 0 or more.")
-        if not isinstance(sigma, bool):
-            raise SpecError(f"`sigma={sigma}` of linear must be true or false.")
+        check_sigma(sigma, "linear")
         self.sigma = sigma
         self.ridge = ridge
         self.weight: np.ndarray | None = None
@@ -84,9 +85,12 @@ class Linear:
         if self.sigma:
             if observation.history.shape[2] < 3:
                 raise PredictorError(
-                    "linear:sigma=true needs a third feature, and this domain gives x and y alone: "
+                    "linear with sigma needs a third feature, and this domain gives x and y alone: "
                     "use a domain with sigma, as eth:alpha=8, or linear without sigma."
                 )
-            columns.append(observation.history[:, :, 2].astype(np.float64))
+            relative = self.sigma == "relative"
+            columns.append(
+                relative_to_scene(observation) if relative else observation.history[:, :, 2].astype(np.float64)
+            )
         columns.append(np.ones((len(step), 1)))
         return np.concatenate(columns, axis=1), turn

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
+import inspect
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import torch
-from safetensors.torch import load as load_safetensors
-from safetensors.torch import save as save_safetensors
 
-from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError
+from motion_gym.catalog import format_spec, whole_number
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
+from motion_gym.predictors import objectives
 from motion_gym.predictors.graph_attention import Layout
-from motion_gym.predictors.stgat_network import Draws, Weights, shapes, stage3
-from motion_gym.storage import write_atomic
-from motion_gym.windows import pick_scenes_of
+from motion_gym.predictors.objectives import Objective
+from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, Weights, shapes, stage3
+from motion_gym.predictors.stgat_training import Schedule, StgatProgram
+from motion_gym.results import versions
+from motion_gym.training import Progress, device_named
+from motion_gym.training import train as train_program
+from motion_gym.weight_files import locate, read, write
+from motion_gym.windows import check_sigma, pick_scenes_of, relative_to_scene
 
-SCENES_AT_ONCE = 64
-"""Scenes of one forward pass, so that memory does not grow with the test set."""
+DEFAULT_WEIGHTS = "spurious"
+
+SCENES_AT_ONCE = 256
+"""Scenes times samples of one forward pass, so that memory does not grow with the test set."""
 
 
 class Stgat:
@@ -26,37 +36,144 @@ class Stgat:
 
     Reads the displacements of the 8 observed steps, rounded to 4 decimals (the first is 0), and sigma as a third value.
     Stochastic: initial states and decoder noise are drawn from N(0, 1), the noise once per scene, so that sample k of
-    a scene is one joint forecast.
+    a scene is one joint forecast. The draws of a scene depend on the seed and the scene alone, not on the batch.
 
     Args:
-        weights: File that ``save`` or ``motion-gym import-weights`` wrote; None for a model without weights.
+        weights: Name of shipped weights (``spurious``) or a ``.safetensors`` file; by default the shipped ones, if
+            there are some for these settings.
+        seed: Which of the seeds that the weights hold; by default the first.
+        sigma: True: sigma as it is. ``"relative"``: divided by its mean over the scene, so that its scale is of no
+            account. False: never given to the network.
     """
 
+    kind: ClassVar[str] = "stgat"
     counterfactual: ClassVar[bool] = False
-    sigma: ClassVar[bool] = True
-    name: ClassVar[str] = "stgat"
+    settings: ClassVar[tuple[str, ...]] = ("sigma",)
+    """Arguments that make another row of a table, and another file of weights."""
+    fitted = True
+    """Training takes long and is never done on the side: ``predict`` says so where weights are missing."""
 
-    def __init__(self, weights: str | Path | None = None):
-        self.weights: str | None = None if weights is None else str(weights)
+    def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = True):
+        check_sigma(sigma, self.kind)
+        self.sigma = sigma
+        self.weights = None if weights is None else str(weights)
+        self.seed = None if seed is None else whole_number("seed", seed, 0, 2**31)
         self.tensors: Weights | None = None
+        self.stacked: Weights = {}
         self.card: dict[str, Any] = {}
         if weights is not None:
-            self.load(weights)
+            self.load(locate(str(weights), self.row))
 
     @property
-    def fitted(self) -> bool:
-        """Whether there are weights."""
-        return self.tensors is not None
+    def objective(self) -> Objective:
+        """What ``fit`` minimises."""
+        return objectives.Erm()
+
+    @property
+    def name(self) -> str:
+        """The predictor with those settings that are not at their defaults."""
+        defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
+        changed = {k: getattr(self, k) for k in self.settings if getattr(self, k) != defaults[k]}
+        whole = {k: int(v) for k, v in changed.items() if isinstance(v, float) and v.is_integer()}
+        return format_spec(self.kind, {**changed, **whole})
+
+    @property
+    def row(self) -> str:
+        """The name, as files of weights are called."""
+        return self.name.replace(":", "-")
+
+    @property
+    def fingerprint(self) -> str:
+        """sha256 of the weights, so that a result tells which they were."""
+        digest = hashlib.sha256()
+        for name, value in sorted(self._ready().items()):
+            digest.update(name.encode() + value.numpy().tobytes())
+        return digest.hexdigest()
 
     @property
     def selection(self) -> str:
         """How the weights were selected, as their card says."""
+        self._ready()
         return str(self.card.get("selection", "not stated by the weights"))
 
     @property
     def features(self) -> int:
         """Values per observed step."""
-        return 3 if self.sigma else 2
+        return 2 if self.sigma is False else 3
+
+    def fit(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        seed: int | Sequence[int] = 0,
+        *,
+        epochs: Sequence[int] = (150, 100, 150),
+        scenes: int = 64,
+        joint: bool = False,
+        shortest: bool = False,
+        agents: int | None = None,
+        device: str = "cpu",
+        checkpoint: Path | None = None,
+        resume: bool = False,
+        every: int = 10,
+        report: Callable[[Progress], None] = lambda progress: None,
+    ) -> Stgat:
+        """Train, all seeds in one pass.
+
+        Args:
+            train: Windows of each environment.
+            validation: Windows that weights are selected on, of the same environments.
+            seed: Seed, or several.
+            epochs: Of the three stages.
+            scenes: Scenes of a step.
+            joint: Let every step hold scenes of each environment; see ``Schedule``.
+            shortest: Let the smallest environment end an epoch of joint steps; see ``Schedule``.
+            agents: Most agents of a step that is not joint; see ``Schedule``.
+            device: ``cpu`` or ``cuda``.
+            checkpoint: File of the checkpoints; None for none.
+            resume: Go on from the checkpoint if there is one; the last stage may have become longer.
+            every: Epochs from one checkpoint to the next.
+            report: Called after each epoch.
+
+        Returns:
+            Itself, with the weights of the best epoch of each seed.
+
+        Raises:
+            PredictorError: nothing to train on, one environment for an objective that compares several, an observation
+                without sigma, or a loss that is not finite.
+            SpecError: the device is not there, or the checkpoint is of another configuration.
+        """
+        seeds = [seed] if isinstance(seed, int) else list(seed)
+        objective = self.objective
+        program = StgatProgram(
+            train,
+            validation,
+            self.features,
+            self._inputs,
+            objective,
+            self.counterfactual,
+            Schedule(tuple(epochs), scenes, joint, shortest, agents),  # type: ignore[arg-type]
+            device_named(device),
+            {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
+        )
+        made = train_program(
+            program, seeds, device=device, checkpoint=checkpoint, resume=resume, every=every, report=report
+        )
+        card = {
+            "predictor": self.name,
+            "seeds": seeds,
+            "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources",
+            "validation_ade": [round(score, 4) for score in made.score],
+            "epoch": made.epoch,
+            "training": {**program.config, "epochs": list(epochs)},
+            "seconds": round(made.seconds, 1),
+            "device": device,
+            "versions": versions("motion-gym", "numpy", "torch"),
+            "precision": "trained in single, kept in half precision",
+            "curve": made.curve,
+        }
+        self.use({name: value.half().float() for name, value in made.weights.items()}, card)
+        return self
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres.
@@ -64,53 +181,69 @@ class Stgat:
         Raises:
             PredictorError: there are no weights, or the observation has no sigma.
         """
-        if self.tensors is None:
-            raise PredictorError(f"{self.name} has no weights: give a file, as {self.name}:weights=FILE.safetensors.")
-        if observation.history.shape[2] < self.features:
-            raise PredictorError(
-                f"{self.name} was trained with sigma, and this domain gives x and y alone: use a domain with sigma, as "
-                "eth:alpha=8."
-            )
-        generator = torch.Generator().manual_seed(seed)
-        weights = {key: value.expand(samples, *value.shape[1:]) for key, value in self.tensors.items()}
+        weights = {key: value.expand(samples, *value.shape[1:]) for key, value in self._ready().items()}
         parts = [np.zeros((0, samples, FUTURE, 2), np.float32)]
+        at_once = max(SCENES_AT_ONCE // samples, 1)
         with torch.no_grad():
-            for first in range(0, observation.scenes, SCENES_AT_ONCE):
-                part = pick_scenes_of(observation, slice(first, first + SCENES_AT_ONCE))
-                parts.append(self._positions(part, weights, samples, generator))
+            for first in range(0, observation.scenes, at_once):
+                part = pick_scenes_of(observation, slice(first, first + at_once))
+                parts.append(self._positions(part, weights, samples, seed))
         return Forecast(np.concatenate(parts))
 
-    def _positions(
-        self, observation: Observation, weights: Weights, samples: int, generator: torch.Generator
-    ) -> np.ndarray:
+    def _positions(self, observation: Observation, weights: Weights, samples: int, seed: int) -> np.ndarray:
         layout = Layout.of(observation.scene)
-        draws = Draws.from_generator(generator, samples, layout)
-        steps = torch.from_numpy(displacements(observation, self.features))
+        keys = scene_keys(observation, samples, seed)
+        own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
+        draws = Draws.of(torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE)), layout)
+        steps = torch.from_numpy(self._inputs(observation))
         moves = stage3(steps, draws, layout, weights, self.counterfactual)
         last = torch.from_numpy(observation.xy[:, -1].copy())
         return (last + moves.cumsum(dim=0)).permute(2, 1, 0, 3).contiguous().numpy()
 
-    @classmethod
-    def from_released(cls, path: str | Path) -> Stgat:
-        """A predictor with the weights of the paper's released program; see ``import_released``."""
-        made = cls()
-        tensors, card = import_released(path)
-        check_weights(tensors, made.features, str(path))
-        made.tensors, made.card = tensors, card
-        return made
+    def _inputs(self, observation: Observation) -> np.ndarray:
+        """Input of the network [8, A, F]."""
+        if observation.history.shape[2] < self.features:
+            raise PredictorError(
+                f"{self.name} is given sigma, and this domain has x and y alone: use a domain with sigma, as "
+                "eth:alpha=8, or a predictor without, as erm_no_sigma."
+            )
+        return displacements(observation, self.features, relative=self.sigma == "relative")
+
+    def _ready(self) -> Weights:
+        """The weights of the seed; those shipped, if none were given."""
+        if self.tensors is None:
+            self.load(locate(DEFAULT_WEIGHTS, self.row))
+        return cast(Weights, self.tensors)
+
+    def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:
+        """Take weights [M, ...] of M seeds, and their card.
+
+        Raises:
+            PredictorError: they are of another model, not finite, or lack the seed.
+        """
+        check_weights(tensors, self.features, source)
+        models = len(next(iter(tensors.values())))
+        seeds = card.get("seeds", [None] * models)
+        if len(seeds) != models or (self.seed is not None and self.seed not in seeds):
+            raise PredictorError(f"{source} of {self.name} hold no seed {self.seed}: {seeds} of {models} are there.")
+        index = 0 if self.seed is None else seeds.index(self.seed)
+        self.stacked, self.card = tensors, card
+        self.tensors = {name: value[index : index + 1].contiguous() for name, value in tensors.items()}
+
+    def from_released(self, path: str | Path) -> Stgat:
+        """Take the weights of the paper's released program; see ``import_released``. Returns itself."""
+        self.use(*import_released(path), str(path))
+        return self
 
     def save(self, path: str | Path) -> None:
-        """Write the weights to ``path`` and their card beside it, as ``.json``.
+        """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
 
         Raises:
             PredictorError: there are no weights.
             StorageError: a file could not be written; neither is then half written.
         """
-        if self.tensors is None:
-            raise PredictorError(f"{self.name} has no weights to save.")
-        card = {**self.card, "predictor": self.name, "features": self.features}
-        write_atomic(Path(path).with_suffix(".json"), (json.dumps(card, indent=1) + "\n").encode())
-        write_atomic(path, save_safetensors(self.tensors))
+        self._ready()
+        write(Path(path), self.stacked, {**self.card, "predictor": self.name, "features": self.features})
 
     def load(self, path: str | Path) -> None:
         """Read what ``save`` wrote.
@@ -118,46 +251,142 @@ class Stgat:
         Raises:
             PredictorError: the file is missing, damaged, or has the weights of another model.
         """
-        path = Path(path)
-        try:
-            tensors = load_safetensors(path.read_bytes())
-            card = json.loads(path.with_suffix(".json").read_text())
-        except FileNotFoundError as error:
-            raise PredictorError(
-                f"There is no file {error.filename}: weights are a .safetensors and a .json."
-            ) from None
-        except Exception as error:  # a damaged archive raises types of the library's own
-            raise PredictorError(f"{path} cannot be read, it is damaged or no safetensors file: {error}.") from None
+        tensors, card = read(Path(path))
+        written = card.get("predictor", self.name)
         check_weights(tensors, self.features, str(path))
-        self.tensors, self.card, self.weights = tensors, card, str(path)
+        if written != self.name:
+            raise PredictorError(f"{path} has the weights of {written}, not of {self.name}: name that predictor.")
+        self.use(tensors, card, str(path))
 
 
 class Erm(Stgat):
     """STGAT trained by empirical risk minimisation: the sum of all environments' errors (the paper's Eq. 1)."""
 
-    name = "erm"
+    kind = "erm"
 
 
-class Invariant(Stgat):
-    """STGAT trained with a penalty on the gradient of each environment's risk (the paper's Eq. 3, IRMv1)."""
+class ErmNoSigma(Stgat):
+    """STGAT trained by empirical risk minimisation, never given sigma: what a forecaster can do without the leak."""
 
-    name = "invariant"
+    kind = "erm_no_sigma"
+    settings = ()
+
+    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
+        super().__init__(weights, seed, sigma=False)
 
 
 class Counterfactual(Stgat):
     """STGAT whose decoder subtracts what it would forecast without the trajectory (Chen et al., ICCV 2021)."""
 
-    name = "counterfactual"
+    kind = "counterfactual"
     counterfactual = True
 
 
-def displacements(observation: Observation, features: int) -> np.ndarray:
-    """Input of the network: [8, A, F] float32, displacements in metres (0 at the first step), then sigma."""
+class Invariant(Stgat):
+    """STGAT trained with a penalty on the gradient of each environment's risk (the paper's Eq. 3, IRMv1).
+
+    Args:
+        weights: As for ``Stgat``.
+        seed: As for ``Stgat``.
+        sigma: As for ``Stgat``.
+        penalty: Factor lambda of the penalty.
+        unbiased: Estimate the squared gradient from two halves of each batch; see ``objectives.Irm``.
+    """
+
+    kind = "invariant"
+    settings = ("sigma", "penalty", "unbiased")
+
+    def __init__(
+        self,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+        sigma: bool | str = True,
+        penalty: float = 5.0,
+        unbiased: bool = False,
+    ):
+        self.penalty, self.unbiased = penalty, unbiased
+        objectives.Irm(penalty, unbiased)  # says at once what is wrong with a value
+        super().__init__(weights, seed, sigma)
+
+    @property
+    def objective(self) -> Objective:
+        """IRMv1."""
+        return objectives.Irm(self.penalty, self.unbiased)
+
+
+class VRex(Stgat):
+    """STGAT trained with a penalty on the variance of the environments' risks (Krueger et al., ICML 2021).
+
+    Args:
+        weights: As for ``Stgat``.
+        seed: As for ``Stgat``.
+        sigma: As for ``Stgat``.
+        penalty: Factor beta of the variance.
+    """
+
+    kind = "vrex"
+    settings = ("sigma", "penalty")
+
+    def __init__(
+        self,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+        sigma: bool | str = True,
+        penalty: float = 10.0,
+    ):
+        self.penalty = penalty
+        objectives.VRex(penalty)
+        super().__init__(weights, seed, sigma)
+
+    @property
+    def objective(self) -> Objective:
+        """V-REx."""
+        return objectives.VRex(self.penalty)
+
+
+class GroupDro(Stgat):
+    """STGAT trained for its worst environment: group DRO (Sagawa et al., ICLR 2020).
+
+    Args:
+        weights: As for ``Stgat``.
+        seed: As for ``Stgat``.
+        sigma: As for ``Stgat``.
+        rate: Step of the environments' weights.
+    """
+
+    kind = "group_dro"
+    settings = ("sigma", "rate")
+
+    def __init__(
+        self,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+        sigma: bool | str = True,
+        rate: float = 0.01,
+    ):
+        self.rate = rate
+        objectives.GroupDro(rate)
+        super().__init__(weights, seed, sigma)
+
+    @property
+    def objective(self) -> Objective:
+        """Group DRO."""
+        return objectives.GroupDro(self.rate)
+
+
+def displacements(observation: Observation, features: int, relative: bool = False) -> np.ndarray:
+    """Input of the network: [8, A, F] float32, displacements in metres (0 at the first step), then sigma.
+
+    Args:
+        observation: What is seen.
+        features: 2, or 3 with sigma.
+        relative: Divide sigma by its mean over the agents and steps of the scene.
+    """
     xy = observation.xy.astype(np.float64)
     steps = np.zeros((len(xy), HISTORY, features), np.float32)
     steps[:, 1:, :2] = np.round(np.diff(xy, axis=1), 4)
     if features == 3:
-        steps[:, :, 2] = observation.history[:, :, 2]
+        steps[:, :, 2] = relative_to_scene(observation) if relative else observation.history[:, :, 2]
     return np.ascontiguousarray(steps.transpose(1, 0, 2))
 
 

@@ -7,6 +7,7 @@ states of the encoders, the noise of the decoder) is an argument, so that the ne
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -14,13 +15,15 @@ from torch import Tensor
 
 from motion_gym.contract import FUTURE
 from motion_gym.predictors.graph_attention import Layout, graph_attention
-from motion_gym.predictors.lstm import Unrolled, lstm
+from motion_gym.predictors.lstm import joined_weights, rolled_out, unrolled
 
 Weights = dict[str, Tensor]
 
 TRAJECTORY, GRAPH, NOISE = 32, 32, 16
 """Units of the trajectory LSTM, of the graph LSTM, and values of noise; together the units of the decoder."""
 DECODER = TRAJECTORY + GRAPH + NOISE
+STATES = 2 * (TRAJECTORY + GRAPH)
+"""Values of the encoders' first states, hidden states and cells."""
 
 
 @dataclass(frozen=True)
@@ -38,16 +41,19 @@ class Draws:
     noise: Tensor
 
     @classmethod
-    def from_generator(cls, generator: torch.Generator, models: int, layout: Layout) -> Draws:
-        """Draw everything from N(0, 1)."""
-        agents, scenes = len(layout.place), len(layout.row)
+    def of(cls, states: Tensor, noise: Tensor, layout: Layout) -> Draws:
+        """From the first states [M, A, 128], in the order of the attributes, and the noise of each scene [M, S, 16]."""
+        h, c, graph_h, graph_c = states.split([TRAJECTORY, TRAJECTORY, GRAPH, GRAPH], dim=-1)
+        return cls((h, c), (graph_h, graph_c), noise.index_select(1, layout.scene))
+
+    @classmethod
+    def from_generators(cls, generators: Sequence[torch.Generator], layout: Layout) -> Draws:
+        """Everything from N(0, 1), for each model from its own generator, so that the others are of no account."""
 
         def normal(*shape: int) -> Tensor:
-            return torch.randn(*shape, generator=generator, device=generator.device)
+            return torch.stack([torch.randn(*shape, generator=g, device=g.device) for g in generators])
 
-        trajectory = (normal(models, agents, TRAJECTORY), normal(models, agents, TRAJECTORY))
-        graph = (normal(models, agents, GRAPH), normal(models, agents, GRAPH))
-        return cls(trajectory, graph, normal(models, scenes, NOISE).index_select(1, layout.scene))
+        return cls.of(normal(len(layout.scene), STATES), normal(layout.scenes, NOISE), layout)
 
 
 def shapes(features: int) -> dict[str, tuple[int, ...]]:
@@ -95,8 +101,9 @@ def initial(features: int, seed: int) -> Weights:
     return weights
 
 
-def _bias(weights: Weights, name: str) -> Tensor:
-    return weights[f"{name}.bias_input"] + weights[f"{name}.bias_hidden"]
+def _lstm(weights: Weights, name: str) -> Tensor:
+    bias = weights[f"{name}.bias_input"] + weights[f"{name}.bias_hidden"]
+    return joined_weights(weights[f"{name}.input"], weights[f"{name}.hidden"], bias)
 
 
 def _linear(x: Tensor, weights: Weights, name: str) -> Tensor:
@@ -105,14 +112,13 @@ def _linear(x: Tensor, weights: Weights, name: str) -> Tensor:
 
 def encode_trajectory(steps: Tensor, draws: Draws, weights: Weights) -> Tensor:
     """Hidden states [8, M, A, 32] of the trajectory LSTM over the observed steps [8, A, F]."""
-    gates = (weights["trajectory.input"], weights["trajectory.hidden"], _bias(weights, "trajectory"))
-    return lstm(steps, *draws.trajectory, *gates)[0]
+    inputs = steps[:, None].expand(-1, len(draws.noise), -1, -1)
+    return unrolled(inputs, *draws.trajectory, _lstm(weights, "trajectory"))
 
 
 def encode_graph(hidden: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
     """Hidden states [8, M, A, 32] of the graph LSTM over what the scene's agents make of the trajectory states."""
-    gates = (weights["graph.input"], weights["graph.hidden"], _bias(weights, "graph"))
-    return lstm(graph_attention(hidden, layout, weights), *draws.graph, *gates)[0]
+    return unrolled(graph_attention(hidden, layout, weights), *draws.graph, _lstm(weights, "graph"))
 
 
 def stage1(steps: Tensor, draws: Draws, weights: Weights) -> Tensor:
@@ -144,44 +150,11 @@ def stage3(steps: Tensor, draws: Draws, layout: Layout, weights: Weights, counte
 def decode(
     trajectory: Tensor, graph: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool
 ) -> Tensor:
-    """Roll the decoder out: [12, M, A, 2] displacements.
-
-    Each output is the next input. Since it is linear in the hidden state, it is folded into the recurrent weights, and
-    the 12 outputs are computed together at the end.
-    """
-    to_gates, recurrent = weights["decoder.input"], weights["decoder.hidden"]
-    out, out_bias = weights["stage3.weight"], weights["stage3.bias"]
-    bias = _bias(weights, "decoder")
-    fed = torch.matmul(out, to_gates)
-    first = torch.matmul(last, to_gates) + bias[:, None]
-    rest = (bias + torch.matmul(out_bias[:, None], to_gates)[:, 0])[:, None]
+    """Roll the decoder out from the last displacements [A, 2]: [12, M, A, 2] displacements."""
+    h = torch.cat([trajectory, graph, noise], dim=-1)
     if counterfactual:
-        # Both decoders side by side: the input of both is out (h - h') + bias.
-        size = DECODER
-        h = torch.cat([trajectory, graph, noise, torch.zeros_like(trajectory), graph, noise], dim=-1)
-        zero = torch.zeros_like(recurrent)
-        gates_of = [recurrent + fed, fed, -fed, recurrent - fed]
-        alone = [recurrent, zero, zero, recurrent]
-        joint, separate = (_side_by_side(blocks, size) for blocks in (gates_of, alone))
-        first, rest = (_twice(g, size) for g in (first, rest))
-        out = torch.cat([out, -out], dim=1)
-    else:
-        h = torch.cat([trajectory, graph, noise], dim=-1)
-        joint, separate = recurrent + fed, recurrent
-    one, c = Unrolled.apply(first[None].expand(1, *h.shape[:2], first.shape[-1]), h, torch.zeros_like(h), separate)
-    more = rest.expand(FUTURE - 1, h.shape[0], h.shape[1], rest.shape[-1])
-    others, _ = Unrolled.apply(more, one[0], c, joint)
-    return torch.matmul(torch.cat([one, others]), out) + out_bias[:, None]
-
-
-def _side_by_side(blocks: list[Tensor], size: int) -> Tensor:
-    """Recurrent weights [M, 2 H, 8 H] of two LSTMs that feed each other; gates keep their order, each two H wide."""
-    own, to_other, from_other, other = (b.unflatten(-1, (4, size)) for b in blocks)
-    top = torch.cat([own, to_other], dim=-1)
-    bottom = torch.cat([from_other, other], dim=-1)
-    return torch.cat([top, bottom], dim=1).flatten(-2)
-
-
-def _twice(gates: Tensor, size: int) -> Tensor:
-    halves = gates.unflatten(-1, (4, size))
-    return torch.cat([halves, halves], dim=-1).flatten(-2)
+        without = torch.cat([torch.zeros_like(trajectory), graph, noise], dim=-1)
+        h = torch.stack([h, without], dim=2).flatten(1, 2)
+    first = last.expand(len(h), -1, -1)
+    out, bias = weights["stage3.weight"], weights["stage3.bias"]
+    return rolled_out(h, first, _lstm(weights, "decoder"), out, bias, FUTURE, counterfactual)

@@ -12,10 +12,11 @@ from motion_gym.contract import Forecast, PredictorError, SpecError
 from motion_gym.evaluation import PAPER_BATCH, Scorecard, compare, evaluate
 from motion_gym.harness import ask
 from motion_gym.metrics import error_by_horizon, metric_rows
+from tests.crowd_with_sigma import CrowdWithSigma
 
 make: Any = motion_gym.domain
 
-CROWD = make("orca", d=0.6, agents=3, scenes=12)
+CROWD = CrowdWithSigma(d=0.6, agents=3, scenes=12)
 PAIRS = make("orca", d=0.6, scenes=150)
 
 

@@ -15,6 +15,7 @@ from motion_gym.leaks import leak_probe
 from motion_gym.pettingzoo_env import CLOCKS
 from motion_gym.predictors.constant_velocity import ConstantVelocity
 from motion_gym.predictors.linear import Linear
+from tests.crowd_with_sigma import CrowdWithSigma
 
 SMALL = {"orca": {"scenes": 40}}
 ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
@@ -76,7 +77,7 @@ def test_no_domain_leaks(domain, clock, data):
 @clocks
 @pytest.mark.parametrize("predictor", [name for name in catalog.PREDICTORS if name not in ORACLES])
 def test_no_predictor_leaks(predictor, clock):
-    report = leak_probe("orca", predictor, clock=clock, **SMALL["orca"])
+    report = leak_probe(CrowdWithSigma(scenes=40), predictor, clock=clock)
     assert_nothing_leaks(report)
     assert not report.oracles
 

@@ -9,12 +9,12 @@ import pytest
 import torch
 
 import motion_gym
+from motion_gym import weight_files
 from motion_gym.checks import check_predictor
 from motion_gym.contract import Observation, PredictorError
 from motion_gym.predictors import stgat_network as network
-from motion_gym.predictors.graph_attention import Layout, graph_attention
-from motion_gym.predictors.lstm import Unrolled
-from motion_gym.predictors.stgat import Counterfactual, Erm, Invariant, Stgat, import_released
+from motion_gym.predictors.graph_attention import Layout
+from motion_gym.predictors.stgat import Counterfactual, Erm, Invariant, import_released
 
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "reference"
 PUBLISHED = {"erm": Erm, "counterfactual": Counterfactual, "irm_5.0": Invariant}
@@ -25,13 +25,13 @@ def published(name):
     path = SHARED / f"causalmotion_eth_{name}_seed1.pth.tar"
     if not path.exists():
         pytest.skip(f"the published weights are not here: {path.name}")
-    return PUBLISHED[name].from_released(path)
+    return PUBLISHED[name]().from_released(path)
 
 
 def random_model(kind=Erm, seed=0):
     """A predictor with random weights."""
     made = kind()
-    made.tensors = network.initial(made.features, seed)
+    made.use(network.initial(made.features, seed), {})
     return made
 
 
@@ -92,46 +92,6 @@ def test_published_weights_score_as_published(eth_ucy, name):
         assert "best ADE on the source validation split" in card.selection
 
 
-def test_unrolled_lstm_has_the_gradients_of_autograd():
-    torch.manual_seed(0)
-    steps, models, agents, size = 4, 2, 5, 6
-    shapes = [
-        (steps, models, agents, 4 * size),
-        (models, agents, size),
-        (models, agents, size),
-        (models, size, 4 * size),
-    ]
-    arguments = [torch.randn(*shape, requires_grad=True) for shape in shapes]
-
-    def plain(gates, h, c, weight):
-        hidden = []
-        for step in gates:
-            i, f, n, o = (step + h @ weight).split(size, dim=-1)
-            c = f.sigmoid() * c + i.sigmoid() * n.tanh()
-            h = o.sigmoid() * c.tanh()
-            hidden.append(h)
-        return torch.stack(hidden), c
-
-    found, expected = Unrolled.apply(*arguments), plain(*arguments)
-    upstream = [torch.randn_like(x) for x in expected]
-    for a, b in zip(found, expected, strict=True):
-        torch.testing.assert_close(a, b)
-    gradients = [torch.autograd.grad(out, arguments, upstream) for out in (found, expected)]
-    for a, b in zip(*gradients, strict=True):
-        torch.testing.assert_close(a, b, atol=1e-5, rtol=1e-4)
-
-
-def test_attention_has_the_gradients_of_finite_differences():
-    torch.manual_seed(0)
-    layout = Layout.of(np.array([0, 3, 4, 6]))
-    weights = {k: v.double() for k, v in network.initial(3, 0).items() if k.startswith("attention")}
-    layout = Layout(layout.row, layout.mask.double(), layout.place, layout.scene, layout.closed.double())
-    x = torch.randn(2, 1, 6, 32, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(
-        lambda x: graph_attention(x, layout, weights)[..., :3], (x,), atol=1e-4, fast_mode=True
-    )
-
-
 @pytest.mark.parametrize("kind", [Erm, Counterfactual])
 def test_contract(kind):
     check_predictor(random_model(kind))
@@ -145,7 +105,7 @@ def test_scenes_of_any_size_and_order_of_agents():
 
 def test_models_side_by_side_are_the_models_one_by_one():
     layout = Layout.of(np.array([0, 2, 5]))
-    draws = network.Draws.from_generator(torch.Generator().manual_seed(0), 2, layout)
+    draws = network.Draws.from_generators([torch.Generator().manual_seed(s) for s in (0, 1)], layout)
     steps = torch.randn(8, 5, 3)
     singles = [network.initial(3, seed) for seed in (0, 1)]
     both = {key: torch.cat([w[key] for w in singles]) for key in singles[0]}
@@ -162,7 +122,7 @@ def test_models_side_by_side_are_the_models_one_by_one():
 
 def test_save_and_load(tmp_path):
     made = random_model()
-    made.card = {"selection": "random"}
+    made.use(made.stacked, {"selection": "random"})
     made.save(tmp_path / "model.safetensors")
     again = Erm(weights=tmp_path / "model.safetensors")
     seen = observation([3, 2])
@@ -171,9 +131,11 @@ def test_save_and_load(tmp_path):
 
 
 def test_without_weights_or_sigma_it_says_so():
-    with pytest.raises(PredictorError, match="erm has no weights: give a file"):
-        Erm().predict(observation([2]))
-    with pytest.raises(PredictorError, match="trained with sigma, and this domain gives x and y alone"):
+    with pytest.raises(
+        PredictorError, match=r"have no `invariant-penalty=0.125`.*Train it: motion-gym train invariant:"
+    ):
+        Invariant(penalty=0.125).predict(observation([2]))
+    with pytest.raises(PredictorError, match="is given sigma, and this domain has x and y alone"):
         random_model().predict(observation([2], features=2))
 
 
@@ -184,13 +146,12 @@ def damaged(path, how):
     elif how == "text":
         path.write_text("not weights")
     else:
-        made = random_model()
-        made.tensors = network.initial(2, 0) if how == "without sigma" else dict(made.tensors)
+        tensors = network.initial(2 if how == "without sigma" else 3, 0)
         if how == "another model":
-            made.tensors["extra.weight"] = made.tensors.pop("stage1.weight")
+            tensors["extra.weight"] = tensors.pop("stage1.weight")
         if how == "NaN":
-            made.tensors["stage3.bias"][0, 0] = float("nan")
-        made.save(path)
+            tensors["stage3.bias"][0, 0] = float("nan")
+        weight_files.write(path, tensors, {})
 
 
 @pytest.mark.parametrize(
@@ -210,7 +171,7 @@ def test_bad_weight_files_are_refused(tmp_path, how, message):
     with pytest.raises(PredictorError, match=message):
         Erm(weights=path)
     with pytest.raises(PredictorError, match="There is no file"):
-        Stgat(weights=tmp_path / "none.safetensors")
+        Erm(weights=tmp_path / "none.safetensors")
 
 
 class Surprise:

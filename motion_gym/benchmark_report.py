@@ -1,0 +1,42 @@
+"""What a benchmark leaves besides its runs: tables and figures, made from the results alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from motion_gym import figures, seed_tables
+from motion_gym.benchmarks import SAMPLES, Part
+from motion_gym.storage import write_atomic
+
+Found = Sequence[tuple[Part, Sequence[Mapping[str, Any]]]]
+
+DRAWN = ("erm_no_sigma", "erm", "counterfactual", "invariant", "linear:sigma=relative")
+"""Predictors of the figure of one scene."""
+
+
+def write(name: str, found: Found, folder: Path) -> list[Path]:
+    """Write tables and figures of a benchmark into ``folder``; returns their paths."""
+    texts = [seed_tables.markdown(part, results) for part, results in found]
+    written = []
+    if name == "spurious":
+        part, results = found[0]
+        texts.insert(1, seed_tables.against_published(part, results))
+        for metric, file in (("ADE", "ade.svg"), (f"JADE_{SAMPLES}", f"jade_{SAMPLES}.svg")):
+            figures.error_over_alpha(part, results, metric, folder / file)
+            written.append(folder / file)
+        figures.one_scene(part, DRAWN, folder / "scene.svg")
+        written.append(folder / "scene.svg")
+    else:
+        texts.append(seed_tables.original_beside_published(found))
+    path = folder / "tables.md"
+    write_atomic(path, ("\n\n".join(texts) + "\n").encode())
+    return [path, *written]
+
+
+def short(name: str, found: Found) -> str:
+    """The table for a README."""
+    if name == "spurious":
+        return seed_tables.short(*found[0])
+    return seed_tables.original_beside_published(found)

@@ -1,0 +1,182 @@
+"""The benchmarks: what is trained for them, and what is scored on what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from motion_gym import catalog, results
+from motion_gym.contract import SpecError
+from motion_gym.domains import TrainingSet, training_set
+from motion_gym.published import ALPHAS
+
+PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
+SAMPLES = 20
+"""k of every run: the first sample gives the scores for k = 1, all of them those for k = 20."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How the predictors of a benchmark are trained.
+
+    Attributes:
+        domain: The domain they are tested on; they are trained on its sources.
+        sources: Options of the domain's ``sources``.
+        options: Of the predictor's ``fit``.
+    """
+
+    domain: str
+    sources: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def data(self) -> TrainingSet:
+        """Windows to train and to select on, one Truth for each environment."""
+        return training_set(catalog.domain(self.domain), **self.sources)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One table of a benchmark.
+
+    Attributes:
+        title: Heading.
+        domains: Columns of the table: short name, and spec.
+        plain: Rows that are not trained, or are fitted to the sources at once.
+        trained: Rows with weights.
+        weights: Name of the weights of the trained rows.
+    """
+
+    title: str
+    domains: Mapping[str, str]
+    plain: Sequence[str]
+    trained: Sequence[str]
+    weights: str
+
+    def runs(self) -> Iterator[tuple[str, str]]:
+        """Predictor and domain of every run."""
+        from motion_gym.weight_files import locate, read  # needs torch, which listing benchmarks does not
+
+        specs = list(self.plain)
+        for row in self.trained:
+            _, card = read(locate(self.weights, row.replace(":", "-")))
+            name, parameters = catalog.parse_spec(row)
+            specs += [
+                catalog.format_spec(name, {**parameters, "weights": self.weights, "seed": seed})
+                for seed in card["seeds"]
+            ]
+        for spec in specs:
+            yield from ((spec, domain) for domain in self.domains.values())
+
+
+def trainings() -> dict[str, Training]:
+    """Every training by the name of its weights.
+
+    The released program trains for 150, 100 and 150 epochs (300, 200 and 300 on the original data), and takes all
+    windows of a crowd. Here it is less, so that all rows with five seeds each can be trained on two cores; ``--epochs``
+    sets others.
+    """
+    in_turn = {"epochs": (40, 30, 30), "agents": 1000}
+    found = {"spurious": Training("eth:alpha=1", options=in_turn)}
+    found |= {f"spurious/{place}": Training(f"{place}:alpha=1", options=in_turn) for place in PLACES[1:]}
+    found["spurious/past"] = Training("eth:alpha=1,sigma=past", options=in_turn)
+    # Every place comes with every alpha, so that an epoch is four times as long.
+    found["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, {**in_turn, "epochs": (10, 8, 8)})
+    joint = {"epochs": (80, 60, 60), "joint": True, "shortest": True}
+    found |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
+    return found
+
+
+def training(name: str) -> Training:
+    """One training.
+
+    Raises:
+        SpecError: there is none of that name.
+    """
+    known = trainings()
+    if name not in known:
+        raise SpecError(f"There is no benchmark `{name}` to train for.{catalog.suggest(name, known)}")
+    return known[name]
+
+
+def _alphas(place: str, more: str = "") -> dict[str, str]:
+    return {str(alpha): f"{place}:alpha={alpha}{more}" for alpha in ALPHAS}
+
+
+INVARIANT = ("invariant:penalty=1", "invariant:penalty=3", "invariant")
+SIGMA = ("linear:sigma=true", "linear:sigma=relative")
+FURTHER = ("erm_no_sigma", "erm", "invariant", "erm:sigma=relative")
+
+BENCHMARKS: dict[str, tuple[Part, ...]] = {
+    "spurious": (
+        Part(
+            "Spurious shift: trained with alpha 1, 2, 4, 8 at four places, tested on eth",
+            _alphas("eth"),
+            ("constant_velocity", "linear", *SIGMA),
+            ("erm_no_sigma", "erm", "counterfactual", *INVARIANT, "vrex", "group_dro", "erm:sigma=relative"),
+            "spurious",
+        ),
+        Part(
+            "Sigma from the past: no side channel",
+            _alphas("eth", ",sigma=past"),
+            ("constant_velocity", "linear", *SIGMA),
+            FURTHER[1:],
+            "spurious/past",
+        ),
+        Part("Crossed design: every place with every alpha", _alphas("eth"), (), FURTHER[1:], "spurious/crossed"),
+        *(
+            Part(
+                f"Spurious shift, tested on {place}",
+                _alphas(place),
+                ("constant_velocity", "linear", *SIGMA),
+                (),
+                f"spurious/{place}",
+            )
+            for place in PLACES[1:]
+        ),
+    ),
+    "original": tuple(
+        Part(
+            f"Original data, tested on {place}",
+            {place: place},
+            ("constant_velocity", "linear"),
+            ("erm_no_sigma", "counterfactual:sigma=false", "invariant:sigma=false"),
+            f"original/{place}",
+        )
+        for place in PLACES
+    ),
+}
+"""Parts of every benchmark by its name."""
+
+
+def run(
+    name: str, folder: Path, report: Callable[[int, int, str], None] = lambda done, of, what: None
+) -> list[tuple[Part, list[dict[str, Any]]]]:
+    """Score every row of a benchmark on every domain; a result that is in ``folder`` already is read.
+
+    Args:
+        name: Name of the benchmark.
+        folder: For one JSON file per run.
+        report: Called before each run with the number of runs done, of all, and what is next.
+
+    Returns:
+        Each part with its results.
+
+    Raises:
+        SpecError: there is no such benchmark.
+        PredictorError: weights of a row are missing.
+    """
+    if name not in BENCHMARKS:
+        raise SpecError(f"There is no benchmark `{name}`.{catalog.suggest(name, BENCHMARKS)}")
+    jobs = [(part, list(part.runs())) for part in BENCHMARKS[name]]
+    total, done, found = sum(len(runs) for _, runs in jobs), 0, []
+    for part, runs in jobs:
+        places = {spec: catalog.domain(spec) for spec in part.domains.values()}
+        scored = []
+        for predictor, domain in runs:
+            report(done, total, f"{predictor} on {domain}")
+            scored.append(results.run(predictor, places[domain], folder, k=SAMPLES))
+            done += 1
+        found.append((part, scored))
+    return found

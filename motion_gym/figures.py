@@ -1,0 +1,116 @@
+"""Figures of the benchmarks."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from motion_gym import catalog
+from motion_gym.benchmarks import Part
+from motion_gym.contract import SpecError
+from motion_gym.harness import ask, ready
+from motion_gym.seed_tables import over_seeds
+from motion_gym.storage import write_atomic
+from motion_gym.windows import pick_scenes
+
+SCENE_ALPHAS = (1, 8, 64)
+"""Alphas of the figure of one scene."""
+
+
+def error_over_alpha(part: Part, results: Sequence[Mapping[str, Any]], metric: str, path: Path) -> None:
+    """Mean error over seeds by alpha, with a band of one standard deviation.
+
+    Args:
+        part: A part whose domains are named by their alpha.
+        results: Of its runs.
+        metric: Name of the metric.
+        path: Where the SVG goes.
+    """
+    values = over_seeds(results, metric)
+    alphas = [float(name) for name in part.domains]
+    figure = Figure(figsize=(8, 4.8), layout="constrained")
+    axes = figure.subplots()
+    colors = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
+    for color, row in zip(colors, dict.fromkeys(row for row, _ in values), strict=False):
+        columns = [values[row, spec] for spec in part.domains.values()]
+        mean, spread = np.array([c.mean() for c in columns]), np.array([c.std() for c in columns])
+        dashed = len(columns[0]) == 1
+        axes.plot(alphas, mean, "--" if dashed else "o-", color=color, label=row, markersize=4, linewidth=1.4)
+        axes.fill_between(alphas, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(alphas, list(part.domains))
+    axes.set_xlabel("alpha (trained with 1 to 8)")
+    axes.set_ylabel(f"{metric}, metres")
+    axes.set_title(part.title, fontsize=10)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    _write(figure, path)
+
+
+def one_scene(part: Part, rows: Sequence[str], path: Path) -> None:
+    """One scene forecast by several predictors, a panel for each alpha.
+
+    The scene is that of three to six agents whose people turn most, so that there is something to see; it is chosen by
+    the truth alone.
+
+    Args:
+        part: A part whose domains are named by their alpha.
+        rows: Predictors.
+        path: Where the SVG goes.
+    """
+    figure = Figure(figsize=(4.2 * len(SCENE_ALPHAS), 4.6), layout="constrained")
+    panels = figure.subplots(1, len(SCENE_ALPHAS), sharex=True, sharey=True)
+    colors = matplotlib.colormaps["tab10"].colors  # type: ignore[attr-defined]
+    for axes, alpha in zip(panels, SCENE_ALPHAS, strict=True):
+        place = catalog.domain(part.domains[str(alpha)])
+        truth = place.windows("test")
+        scene = pick_scenes(truth, [_scene_of_turns(truth)])
+        history, future = scene.observation.xy, scene.future
+        for number, (past, then) in enumerate(zip(history, future, strict=True)):
+            label = ("observed", "truth") if not number else (None, None)
+            axes.plot(*past.T, "-", color="0.6", linewidth=2, label=label[0])
+            axes.plot(*np.vstack([past[-1:], then]).T, "-", color="black", linewidth=2, label=label[1])
+        for color, row in zip(colors, rows, strict=False):
+            name, parameters = catalog.parse_spec(row)
+            weights = {"weights": part.weights} if row in part.trained else {}
+            made = ready(catalog.format_spec(name, {**parameters, **weights}), place)
+            forecast = ask(made, scene.observation).most_likely()
+            for number, (past, then) in enumerate(zip(history, forecast, strict=True)):
+                line = np.vstack([past[-1:], then])
+                axes.plot(*line.T, "-", color=color, linewidth=1, label=None if number else row)
+        axes.set_title(f"alpha = {alpha}", fontsize=10)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x, metres")
+    panels[0].set_ylabel("y, metres")
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=6, frameon=False
+    )
+    _write(figure, path)
+
+
+def _scene_of_turns(truth: Any) -> int:
+    sizes = np.diff(truth.observation.scene)
+    path = np.concatenate([truth.observation.xy[:, -2:], truth.future], axis=1)
+    steps = np.diff(path, axis=1)
+    straight = truth.observation.xy[:, -1] + 12 * steps[:, 0]
+    off = np.linalg.norm(truth.future[:, -1] - straight, axis=-1)
+    turned = np.array(
+        [off[a:b].mean() for a, b in zip(truth.observation.scene[:-1], truth.observation.scene[1:], strict=True)]
+    )
+    fit = (sizes >= 3) & (sizes <= 6)
+    if not fit.any():
+        raise SpecError("No scene of three to six agents to draw.")
+    return int(np.where(fit, turned, -1).argmax())
+
+
+def _write(figure: Figure, path: Path) -> None:
+    buffer = io.BytesIO()
+    # Without the date, so that the same results give the same file.
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    write_atomic(path, buffer.getvalue())

@@ -1,0 +1,158 @@
+"""Training objectives: what to minimise, given the risks of several environments.
+
+All are functions of ``Risks``. Those with a state of their own (the weights of group DRO) keep it in tensors, so that a
+checkpoint holds it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from motion_gym.contract import SpecError
+
+
+@dataclass(frozen=True)
+class Risks:
+    """Risks of E environments in one step, for M models.
+
+    The risk of a scene is the squared error of its displacements (x and y summed) over (steps * agents); slopes are
+    derivatives of it by a scale w = 1 that multiplies the displacements.
+
+    Attributes:
+        value: [E, M] sum of the risks of an environment's scenes.
+        slope: [2, E, M] sum of the slopes of its even and of its odd scenes.
+        scenes: [E] number of its scenes.
+    """
+
+    value: Tensor
+    slope: Tensor
+    scenes: Tensor
+
+
+def risks_of(
+    forecast: Tensor, target: Tensor, weight: Tensor, scene: Tensor, environment: Tensor, count: Tensor
+) -> Risks:
+    """Risks of forecast displacements.
+
+    Args:
+        forecast: [T, M, A, 2] displacements.
+        target: [T, A, 2] true displacements.
+        weight: [T, A] 1 / (steps * agents of the scene); 0 where the truth is not known.
+        scene: [A] int64 scene of each agent.
+        environment: [A] int64 environment of each agent, 0 to E - 1.
+        count: [E] number of scenes of each environment.
+    """
+    off = forecast - target[:, None]
+    by_agent = torch.einsum("tmac,ta->ma", off * off, weight)
+    slopes = torch.einsum("tmac,ta->ma", forecast * off, 2 * weight)
+    size, models = len(count), len(by_agent)
+    value = by_agent.new_zeros(size, models).index_add(0, environment, by_agent.T)
+    halves = by_agent.new_zeros(2 * size, models).index_add(0, environment + size * (scene % 2), slopes.T)
+    return Risks(value, halves.unflatten(0, (2, size)), count)
+
+
+class Objective(Protocol):
+    """Turns risks into what is minimised."""
+
+    @property
+    def joint(self) -> bool:
+        """Whether a step needs several environments at once."""
+        ...
+
+    def start(self, environments: int, models: int, device: torch.device) -> Tensor:
+        """State before training; an empty tensor if there is none."""
+        ...
+
+    def __call__(self, risks: Risks, state: Tensor) -> Tensor:
+        """Losses [M]; may change the state in place."""
+        ...
+
+
+class _Stateless:
+    joint = False
+
+    def start(self, environments: int, models: int, device: torch.device) -> Tensor:
+        """No state."""
+        return torch.zeros(0, device=device)
+
+
+class Erm(_Stateless):
+    """Sum of all risks (the paper's Eq. 1)."""
+
+    def __call__(self, risks: Risks, state: Tensor) -> Tensor:
+        """Losses [M]."""
+        return risks.value.sum(dim=0)
+
+
+class Irm(_Stateless):
+    """Risks, and for each environment a penalty on the squared slope (the paper's Eq. 3; IRMv1, Arjovsky et al., 2019).
+
+    Args:
+        penalty: Factor lambda of the penalty, >= 0.
+        unbiased: Take the product of the slopes of the even and of the odd scenes, an unbiased estimate of the squared
+            slope, instead of the square of their sum.
+    """
+
+    def __init__(self, penalty: float, unbiased: bool = False):
+        self.penalty = _number("penalty", penalty)
+        self.unbiased = unbiased
+
+    def __call__(self, risks: Risks, state: Tensor) -> Tensor:
+        """Losses [M]."""
+        slope = risks.slope
+        # Each half has half of the scenes, so that the product is to be taken four times.
+        squared = 4 * slope[0] * slope[1] if self.unbiased else (slope[0] + slope[1]) ** 2
+        return (risks.value + self.penalty * squared).sum(dim=0)
+
+
+class VRex(_Stateless):
+    """Mean risk, and a penalty on the variance of the environments' mean risks (Krueger et al., ICML 2021).
+
+    Args:
+        penalty: Factor beta of the variance, >= 0.
+    """
+
+    joint = True
+
+    def __init__(self, penalty: float):
+        self.penalty = _number("penalty", penalty)
+
+    def __call__(self, risks: Risks, state: Tensor) -> Tensor:
+        """Losses [M]."""
+        mean = risks.value / risks.scenes[:, None]
+        return mean.mean(dim=0) + self.penalty * mean.var(dim=0, unbiased=False)
+
+
+class GroupDro:
+    """Mean risks weighted by how bad they are (Sagawa et al., ICLR 2020): the worst environment comes to count most.
+
+    Args:
+        rate: Step of the weights, > 0: each is multiplied by exp(rate * mean risk) and they are made to sum to 1.
+    """
+
+    joint = True
+
+    def __init__(self, rate: float):
+        self.rate = _number("rate", rate)
+
+    def start(self, environments: int, models: int, device: torch.device) -> Tensor:
+        """Equal weights [E, M]."""
+        return torch.full((environments, models), 1 / environments, device=device)
+
+    def __call__(self, risks: Risks, state: Tensor) -> Tensor:
+        """Losses [M]."""
+        mean = risks.value / risks.scenes[:, None]
+        with torch.no_grad():
+            state *= torch.exp(self.rate * mean)
+            state /= state.sum(dim=0)
+        return (state.clone() * mean).sum(dim=0)
+
+
+def _number(name: str, value: float) -> float:
+    if isinstance(value, (bool, str)) or not 0 <= value < float("inf"):
+        raise SpecError(f"`{name}={value}` must be a number, 0 or more.")
+    return float(value)

@@ -1,0 +1,106 @@
+"""Benchmarks: their trainings, runs, tables and figures."""
+
+import json
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from motion_gym import benchmark_report, benchmarks, catalog, published, seed_tables
+from motion_gym.benchmarks import BENCHMARKS, Part
+from motion_gym.contract import PredictorError, SpecError
+
+PART = Part(
+    "A small part", {"1": "eth:alpha=1", "8": "eth:alpha=8", "64": "eth:alpha=64"}, ("constant_velocity",), ("erm",), "spurious"
+)
+
+
+@pytest.fixture(scope="module")
+def small(eth_ucy, tmp_path_factory):
+    """A part of two rows and three domains, and its results."""
+    folder = tmp_path_factory.mktemp("results")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(BENCHMARKS, "small", (PART,))
+        (found,) = benchmarks.run("small", folder)
+    return folder, found
+
+
+@pytest.mark.parametrize("name", benchmarks.trainings())
+def test_every_training_has_data(eth_ucy, name):
+    train, validation = benchmarks.training(name).data()
+    assert len(train) == len(validation) >= 4
+    assert all(len(truth.future) for truth in train)
+    if name == "spurious/crossed":
+        assert len(train) == 16
+
+
+def test_every_row_is_a_predictor_and_every_column_a_domain():
+    for parts in BENCHMARKS.values():
+        for part in parts:
+            for row in (*part.plain, *part.trained):
+                made = catalog.predictor(row)
+                assert getattr(made, "name", row) == row
+            for spec in part.domains.values():
+                catalog.domain(spec)
+            assert not part.trained or part.weights in benchmarks.trainings()
+
+
+def test_unknown_names_are_refused(tmp_path):
+    with pytest.raises(SpecError, match="Did you mean `spurious`"):
+        benchmarks.training("spurios")
+    with pytest.raises(SpecError, match="no benchmark `spurios`"):
+        benchmarks.run("spurios", tmp_path)
+
+
+def test_rows_without_weights_are_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(BENCHMARKS, "small", (Part("x", {"1": "eth:alpha=1"}, (), ("vrex:penalty=0.123",), "spurious"),))
+    with pytest.raises(PredictorError, match=r"have no `vrex-penalty=0.123`.*motion-gym train vrex:penalty=0.123"):
+        benchmarks.run("small", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_seed_is_scored_once_and_found_again(small):
+    folder, (part, results) = small
+    assert len(list(folder.glob("*.json"))) == len(results) == 3 * (1 + 5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(BENCHMARKS, "small", (part,))
+        patch.setattr("motion_gym.results.evaluate", None)  # nothing is run again
+        ((_, again),) = benchmarks.run("small", folder)
+    assert again == json.loads(json.dumps(results))
+
+
+def test_tables_hold_means_and_standard_errors(small):
+    _, (part, results) = small
+    text = seed_tables.markdown(part, results)
+    values = seed_tables.over_seeds(results, "ADE")["erm", "eth:alpha=8.0"]
+    assert len(values) == 5
+    error = values.std(ddof=1) / np.sqrt(5)
+    cell = f"{values.mean():.3f} ± {error:.3f}".replace("0.", ".")
+    assert cell in text and "| `constant_velocity` | .995 / 2.234 |" in text
+    assert "oracle side channel: sigma reads the future" in text
+    assert "181 agent-windows of 36 agents in 70 scenes" in text
+    assert "lowest ADE on the validation windows of the sources" in text
+    assert seed_tables.short(part, results).count("| `") == 2
+
+
+def test_published_numbers_stand_in_columns_of_their_own(small):
+    _, (part, results) = small
+    domains = {str(a): f"eth:alpha={a}" for a in published.ALPHAS}
+    lines = seed_tables.against_published(Part(part.title, domains, (), ("erm",), "spurious"), results).splitlines()
+    (line,) = [line for line in lines if line.startswith("| `erm` | 64 | 20 |")]
+    cells = [cell.strip() for cell in line.split("|")]
+    assert cells[5:7] == ["2.770", "2.666 / 4.441"]
+    ours = seed_tables.over_seeds(results, "JADE_20")["erm", "eth:alpha=64.0"].mean()
+    assert cells[7] == f"{100 * (ours / 2.77 - 1):+.0f} %"
+    assert "| `gcrl` | 8 | 1 | - | - | .988 / 1.872 | - |" in lines
+
+
+def test_files_of_a_benchmark_are_written_and_are_the_same_again(small, tmp_path):
+    _, found = small
+    written = benchmark_report.write("spurious", [found], tmp_path)
+    assert {path.name for path in written} == {"tables.md", "ade.svg", "jade_20.svg", "scene.svg"}
+    first = {path.name: path.read_bytes() for path in written}
+    for path in written:
+        if path.suffix == ".svg":
+            ElementTree.parse(path)
+    assert {path.name: path.read_bytes() for path in benchmark_report.write("spurious", [found], tmp_path)} == first

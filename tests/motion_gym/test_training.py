@@ -1,0 +1,195 @@
+"""Training: several seeds in one pass, killed and resumed, and what stops it."""
+
+import dataclasses
+import errno
+import os
+
+import numpy as np
+import pytest
+import torch
+
+import motion_gym as mg
+from motion_gym.contract import PredictorError, SpecError, Truth
+from motion_gym.domains import training_set
+from motion_gym.predictors.stgat import Erm, ErmNoSigma, GroupDro, Invariant, VRex
+from motion_gym.storage import StorageError
+from motion_gym.windows import pick_scenes
+
+EPOCHS = (1, 1, 3)
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Two environments of crossing agents, with a third feature."""
+
+    def with_feature(truth: Truth, scale: float) -> Truth:
+        seen = truth.observation
+        speed = np.linalg.norm(np.diff(seen.xy, axis=1, prepend=seen.xy[:, :1]), axis=-1, keepdims=True)
+        history = np.concatenate([seen.history, scale * (1 + speed)], axis=2).astype(np.float32)
+        return dataclasses.replace(truth, observation=dataclasses.replace(seen, history=history))
+
+    train, validation = training_set(mg.domain("orca", scenes=80))
+    return [
+        [with_feature(pick_scenes(t, slice(0, 70)), i + 1.0) for i, t in enumerate(part)]
+        for part in (train, validation)
+    ]
+
+
+def same(a, b):
+    """Whether two predictors have the same weights, bit for bit."""
+    return all(torch.equal(a.stacked[name], b.stacked[name]) for name in a.stacked)
+
+
+class Killed(Exception):
+    """Stands for the end of a process."""
+
+
+def kill_after(epoch):
+    """A report that ends the training."""
+
+    def report(progress):
+        if progress.epoch == epoch:
+            raise Killed
+
+    return report
+
+
+@pytest.mark.parametrize("kind", [Erm, ErmNoSigma, Invariant, VRex, GroupDro])
+def test_a_killed_training_resumes_to_the_same_weights(data, kind, tmp_path):
+    whole = kind().fit(*data, [0, 1], epochs=EPOCHS)
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(Killed):
+        kind().fit(*data, [0, 1], epochs=EPOCHS, checkpoint=checkpoint, every=2, report=kill_after(4))
+    seen = []
+    resumed = kind().fit(*data, [0, 1], epochs=EPOCHS, checkpoint=checkpoint, every=2, resume=True, report=seen.append)
+    # Killed in the fourth epoch, the last checkpoint after the second.
+    assert [progress.epoch for progress in seen] == [3, 4, 5]
+    assert same(whole, resumed)
+    assert whole.card["validation_ade"] == resumed.card["validation_ade"]
+
+
+def test_a_seed_does_not_depend_on_the_others(data):
+    together = Invariant().fit(*data, [3, 4], epochs=EPOCHS)
+    alone = Invariant().fit(*data, 4, epochs=EPOCHS)
+    assert alone.card["validation_ade"][0] == pytest.approx(together.card["validation_ade"][1], abs=2e-3)
+    assert together.card["validation_ade"][0] != together.card["validation_ade"][1]
+
+
+def test_the_kept_weights_are_those_of_the_best_epoch(data):
+    made = Erm().fit(*data, [0, 1, 2], epochs=(1, 1, 4))
+    scores = np.array([entry["score"] for entry in made.card["curve"] if "score" in entry])
+    assert scores.shape == (4, 3)
+    np.testing.assert_allclose(made.card["validation_ade"], scores.min(axis=0))
+    assert made.card["epoch"] == [int(e) + 3 for e in scores.argmin(axis=0)]
+
+
+def test_training_lowers_the_error(data):
+    made = ErmNoSigma().fit(*data, [0, 1], epochs=(2, 2, 8))
+    scores = [np.mean(entry["score"]) for entry in made.card["curve"] if "score" in entry]
+    assert min(scores) < 0.8 * scores[0]
+
+
+def test_saved_seeds_are_found_again(data, tmp_path):
+    made = VRex(penalty=3).fit(*data, [5, 7], epochs=(1, 0, 1))
+    path = tmp_path / "vrex.safetensors"
+    made.save(path)
+    seen = data[1][0].observation
+    first, second = (VRex(path, seed=s, penalty=3).predict(seen).positions for s in (5, 7))
+    np.testing.assert_array_equal(first, made.predict(seen).positions)
+    assert np.abs(first - second).max() > 1e-3
+    with pytest.raises(PredictorError, match=r"no seed 6: \[5, 7\] of 2 are there"):
+        VRex(path, seed=6, penalty=3)
+    with pytest.raises(PredictorError, match="weights of vrex:penalty=3, not of vrex"):
+        VRex(path)
+    with pytest.raises(PredictorError, match="trained with sigma"):
+        ErmNoSigma(path)
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(data, tmp_path):
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(Killed):
+        Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, every=1, report=kill_after(2))
+    with pytest.raises(SpecError, match=r"another configuration.*seeds: \[0\], now \[1\]"):
+        Erm().fit(*data, 1, epochs=EPOCHS, checkpoint=checkpoint, resume=True)
+    with pytest.raises(SpecError, match=r"another configuration.*predictor"):
+        Invariant().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, resume=True)
+    checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
+    with pytest.raises(SpecError, match="is no checkpoint, or is damaged"):
+        Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, resume=True)
+
+
+def test_a_loss_that_is_not_finite_stops_and_keeps_the_checkpoint(data, tmp_path):
+    class Breaking(Erm):
+        """Its objective gives NaN for the second model once the third epoch is reached."""
+
+        def fit(self, *args, report, **options):
+            self.epoch = 0
+
+            def count(progress):
+                self.epoch = progress.epoch
+                report(progress)
+
+            return super().fit(*args, report=count, **options)
+
+        @property
+        def objective(self):
+            plain = super().objective
+
+            class Nan(type(plain)):
+                def __call__(inner, risks, state):
+                    loss = plain(risks, state)
+                    return loss * torch.tensor([1.0, float("nan") if self.epoch >= 2 else 1.0])
+
+            return Nan()
+
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(PredictorError, match=r"loss of seed 9 is nan in epoch 3 \(forecast\), step 1"):
+        Breaking().fit(*data, [8, 9], epochs=EPOCHS, checkpoint=checkpoint, every=1, report=lambda p: None)
+    content = torch.load(checkpoint, weights_only=True)
+    assert content["epoch"] == 2
+    assert all(torch.isfinite(value).all() for value in content["weights"].values())
+
+
+def test_an_empty_training_set_is_refused(data):
+    empty = [pick_scenes(truth, []) for truth in data[0]]
+    with pytest.raises(PredictorError, match="training set is empty"):
+        Erm().fit(empty, data[1])
+    with pytest.raises(PredictorError, match="training set is empty"):
+        Erm().fit([], data[1])
+    with pytest.raises(PredictorError, match="validation set is empty"):
+        Erm().fit(data[0], [])
+
+
+@pytest.mark.parametrize("kind", [Invariant, VRex, GroupDro])
+def test_one_environment_is_refused_where_several_are_compared(data, kind):
+    with pytest.raises(PredictorError, match=r"compares environments.*one alone"):
+        kind().fit(data[0][:1], data[1], epochs=EPOCHS)
+
+
+def test_one_environment_is_enough_for_erm(data):
+    assert Erm().fit(data[0][:1], data[1], epochs=(1, 0, 1)).card["validation_ade"][0] < 10
+
+
+def test_no_cuda_is_said_at_once(data):
+    if torch.cuda.is_available():
+        pytest.skip("there is a CUDA device")
+    with pytest.raises(SpecError, match="finds no CUDA device"):
+        Erm().fit(*data, device="cuda")
+
+
+def test_a_full_disk_leaves_the_last_checkpoint(data, tmp_path, monkeypatch):
+    checkpoint = tmp_path / "a.checkpoint"
+    written = os.fsync
+    calls = []
+
+    def full(descriptor):
+        calls.append(1)
+        if len(calls) > 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StorageError, match="No space left on device"):
+        Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, every=1)
+    assert torch.load(checkpoint, weights_only=True)["epoch"] == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a.checkpoint"]
