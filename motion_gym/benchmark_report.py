@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from motion_gym import figures, seed_tables
+from motion_gym import catalog, figures, seed_tables, source_selection
 from motion_gym.benchmarks import SAMPLES, Part
+from motion_gym.contract import Domain
 from motion_gym.storage import write_atomic
 
 Found = Sequence[tuple[Part, Sequence[Mapping[str, Any]]]]
@@ -23,6 +24,8 @@ def write(name: str, found: Found, folder: Path) -> list[Path]:
     if name == "spurious":
         part, results = found[0]
         texts.insert(1, seed_tables.against_published(part, results))
+        chosen = source_selection.left_out(("linear:sigma=true", "linear:sigma=relative"), _first_domain(part))
+        texts.insert(2, source_selection.markdown(chosen))
         for metric, file in (("ADE", "ade.svg"), (f"JADE_{SAMPLES}", f"jade_{SAMPLES}.svg")):
             figures.error_over_alpha(part, results, metric, folder / file)
             written.append(folder / file)
@@ -33,6 +36,10 @@ def write(name: str, found: Found, folder: Path) -> list[Path]:
     path = folder / "tables.md"
     write_atomic(path, ("\n\n".join(texts) + "\n").encode())
     return [path, *written]
+
+
+def _first_domain(part: Part) -> Domain:
+    return catalog.domain(next(iter(part.domains.values())))
 
 
 def short(name: str, found: Found) -> str:

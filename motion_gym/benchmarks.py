@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog, results
-from motion_gym.contract import SpecError
+from motion_gym.contract import DataError, SpecError
 from motion_gym.domains import TrainingSet, training_set
 from motion_gym.published import ALPHAS
 
@@ -150,9 +150,11 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
 """Parts of every benchmark by its name."""
 
 
-def run(
-    name: str, folder: Path, report: Callable[[int, int, str], None] = lambda done, of, what: None
-) -> list[tuple[Part, list[dict[str, Any]]]]:
+Found = list[tuple[Part, list[dict[str, Any]]]]
+"""Each part of a benchmark with the results of its runs."""
+
+
+def run(name: str, folder: Path, report: Callable[[int, int, str], None] = lambda done, of, what: None) -> Found:
     """Score every row of a benchmark on every domain; a result that is in ``folder`` already is read.
 
     Args:
@@ -160,16 +162,11 @@ def run(
         folder: For one JSON file per run.
         report: Called before each run with the number of runs done, of all, and what is next.
 
-    Returns:
-        Each part with its results.
-
     Raises:
         SpecError: there is no such benchmark.
         PredictorError: weights of a row are missing.
     """
-    if name not in BENCHMARKS:
-        raise SpecError(f"There is no benchmark `{name}`.{catalog.suggest(name, BENCHMARKS)}")
-    jobs = [(part, list(part.runs())) for part in BENCHMARKS[name]]
+    jobs = [(part, list(part.runs())) for part in parts(name)]
     total, done, found = sum(len(runs) for _, runs in jobs), 0, []
     for part, runs in jobs:
         places = {spec: catalog.domain(spec) for spec in part.domains.values()}
@@ -180,3 +177,34 @@ def run(
             done += 1
         found.append((part, scored))
     return found
+
+
+def read(name: str, folder: Path) -> Found:
+    """What ``run`` left in a folder, made by whatever version of the code.
+
+    Raises:
+        SpecError: there is no such benchmark.
+        DataError: a run is missing.
+    """
+    there = {(r["predictor"], r["identity"]["domain"]): r for r in results.read_folder(folder)}
+    found = []
+    for part in parts(name):
+        keys = [(predictor, canonical(domain)) for predictor, domain in part.runs()]
+        missing = [f"{predictor} on {domain}" for predictor, domain in keys if (predictor, domain) not in there]
+        if missing:
+            raise DataError(f"{folder} has no result of {missing[0]}: motion-gym run {name} --out {folder.parent}")
+        found.append((part, [there[key] for key in keys]))
+    return found
+
+
+def parts(name: str) -> tuple[Part, ...]:
+    """Parts of a benchmark; SpecError if there is none of that name."""
+    if name not in BENCHMARKS:
+        raise SpecError(f"There is no benchmark `{name}`.{catalog.suggest(name, BENCHMARKS)}")
+    return BENCHMARKS[name]
+
+
+def canonical(spec: str) -> str:
+    """A domain with all of its parameters, as results name it."""
+    card = catalog.domain(spec).card
+    return catalog.format_spec(card.name, dict(card.parameters))

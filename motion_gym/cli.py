@@ -154,7 +154,8 @@ def train(
     made.save(path)  # type: ignore[attr-defined]
     card = made.card  # type: ignore[attr-defined]
     scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
-    _say(f"{path}: {len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} m.")
+    _say(f"Written: {path}")
+    _say(f"{len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} m.")
 
 
 def run(

@@ -32,13 +32,13 @@ def error_over_alpha(part: Part, results: Sequence[Mapping[str, Any]], metric: s
         metric: Name of the metric.
         path: Where the SVG goes.
     """
-    values = over_seeds(results, metric)
+    values = over_seeds(part, results, metric)
     alphas = [float(name) for name in part.domains]
     figure = Figure(figsize=(8, 4.8), layout="constrained")
     axes = figure.subplots()
     colors = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
     for color, row in zip(colors, dict.fromkeys(row for row, _ in values), strict=False):
-        columns = [values[row, spec] for spec in part.domains.values()]
+        columns = [values[row, name] for name in part.domains]
         mean, spread = np.array([c.mean() for c in columns]), np.array([c.std() for c in columns])
         dashed = len(columns[0]) == 1
         axes.plot(alphas, mean, "--" if dashed else "o-", color=color, label=row, markersize=4, linewidth=1.4)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog, published
-from motion_gym.benchmarks import SAMPLES, Part
+from motion_gym.benchmarks import SAMPLES, Part, canonical
 from motion_gym.report import number
 
 Result = Mapping[str, Any]
@@ -27,11 +27,13 @@ def row_of(result: Result) -> str:
     return catalog.format_spec(name, {k: v for k, v in parameters.items() if k not in ("weights", "seed")})
 
 
-def over_seeds(results: Sequence[Result], metric: str) -> dict[tuple[str, str], np.ndarray]:
-    """Values of the seeds by row and domain."""
+def over_seeds(part: Part, results: Sequence[Result], metric: str) -> dict[tuple[str, str], np.ndarray]:
+    """Values of the seeds by row and column."""
+    columns = {canonical(spec): name for name, spec in part.domains.items()}
     found: dict[tuple[str, str], list[float]] = {}
     for result in results:
-        found.setdefault((row_of(result), result["spec"]), []).append(result["metrics"][metric]["mean"])
+        key = row_of(result), columns[result["identity"]["domain"]]
+        found.setdefault(key, []).append(result["metrics"][metric]["mean"])
     return {key: np.array(values) for key, values in found.items()}
 
 
@@ -53,9 +55,8 @@ def short(part: Part, results: Sequence[Result]) -> str:
 
 def _table(part: Part, results: Sequence[Result], ade: str, fde: str | None = None) -> list[str]:
     lines = [f"| method | {' | '.join(part.domains)} | seeds |", f"|---|{'---|' * len(part.domains)}---|"]
-    ades, fdes = over_seeds(results, ade), over_seeds(results, fde or ade)
-    specs = {result["identity"]["domain"]: result["spec"] for result in results}
-    columns = [specs[_canonical(spec)] for spec in part.domains.values()]
+    ades, fdes = over_seeds(part, results, ade), over_seeds(part, results, fde or ade)
+    columns = list(part.domains)
     for row in dict.fromkeys(row for row, _ in ades):
         cells = []
         for column in columns:
@@ -96,17 +97,17 @@ def against_published(part: Part, results: Sequence[Result]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for k, (ade, fde) in ((1, SCORES["k = 1"]), (SAMPLES, (f"JADE_{SAMPLES}", f"JFDE_{SAMPLES}"))):
-        ades, fdes = over_seeds(results, ade), over_seeds(results, fde)
+        ades, fdes = over_seeds(part, results, ade), over_seeds(part, results, fde)
         paper = published.PAPER if k > 1 else {}
         for row in dict.fromkeys([*published.PAPER, *published.WEIGHTS[k]]):
             for alpha in published.ALPHAS:
-                ours = ades.get((row, part.domains[str(alpha)]))
+                ours = ades.get((row, str(alpha)))
                 theirs, weights = paper.get(row, {}).get(alpha), published.WEIGHTS[k].get(row, {}).get(alpha)
                 if theirs is None and weights is None:
                     continue
                 cell = gap = "-"
                 if ours is not None:
-                    cell = f"{_spread(ours)} / {_spread(fdes[row, part.domains[str(alpha)]])}"
+                    cell = f"{_spread(ours)} / {_spread(fdes[row, str(alpha)])}"
                     reference = (theirs or weights or (np.nan,))[0]
                     gap = f"{100 * (ours.mean() / reference - 1):+.0f} %"
                 there = "-" if weights is None else f"{number(weights[0])} / {number(weights[1])}"
@@ -125,7 +126,7 @@ def original_beside_published(found: Sequence[tuple[Part, Sequence[Result]]]) ->
         f"| method | {' | '.join(places)} | the paper, hotel |",
         f"|---|{'---|' * len(places)}---|",
     ]
-    tables = [(over_seeds(results, "ADE"), over_seeds(results, "FDE")) for _, results in found]
+    tables = [(over_seeds(part, results, "ADE"), over_seeds(part, results, "FDE")) for part, results in found]
     for row in dict.fromkeys(row for ades, _ in tables for row, _ in ades):
         cells = []
         for place, (ades, fdes) in zip(places, tables, strict=True):
@@ -136,11 +137,6 @@ def original_beside_published(found: Sequence[tuple[Part, Sequence[Result]]]) ->
         lines.append(f"| `{row}` | {' | '.join(cells)} | {paper} |")
     every = dict.fromkeys(note for _, results in found for note in notes(results))
     return "\n".join([*lines, "", *(f"- {note}." for note in every)])
-
-
-def _canonical(spec: str) -> str:
-    card = catalog.domain(spec).card
-    return catalog.format_spec(card.name, dict(card.parameters))
 
 
 def _spread(values: np.ndarray) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.storage import write_atomic
 
@@ -142,6 +143,7 @@ def train(
         PredictorError: a loss or a weight is not finite; the last checkpoint stays.
         StorageError: a checkpoint could not be written.
     """
+    every = whole_number("every", every, 1, 1_000_000)
     run = _Run(program, list(seeds), torch.device(device))
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)

@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -44,7 +45,7 @@ def slices(count: int, values: int) -> list[slice]:
     threads = torch.get_num_threads()
     pieces = math.ceil(pieces / threads) * threads if pieces > 1 / 4 else 1
     limits = np.linspace(0, count, max(min(pieces, count), 1) + 1).astype(int).tolist()
-    return [slice(first, last) for first, last in zip(limits, limits[1:], strict=False)]
+    return [slice(first, last) for first, last in pairwise(limits)]
 
 
 def side_by_side(job: Callable[[Part], Result], parts: list[Part]) -> list[Result]:

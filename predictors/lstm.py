@@ -1,8 +1,8 @@
 """LSTMs of several models at once, with a backward pass of their own.
 
 M models of one shape, as five seeds are, are trained in one pass: every weight has a leading axis M, and every matrix
-product is a batched one. Two things make it fast on a CPU: the rows are worked off in slices that stay in the cache over
-all steps, and input, hidden state and a one for the bias lie side by side, so that a step is a single product.
+product is a batched one. Two things make it fast on a CPU: the rows are worked off in slices that stay in the cache
+over all steps, and input, hidden state and a one for the bias lie side by side, so that a step is a single product.
 
 Elsewhere, and in float64, the same is done by plain operations of torch.
 """

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from motion_gym.catalog import format_spec, whole_number
-from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
 from motion_gym.predictors import objectives
 from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.objectives import Objective
@@ -143,7 +143,9 @@ class Stgat:
                 without sigma, or a loss that is not finite.
             SpecError: the device is not there, or the checkpoint is of another configuration.
         """
-        seeds = [seed] if isinstance(seed, int) else list(seed)
+        seeds = [whole_number("seed", s, 0, 2**31) for s in ([seed] if isinstance(seed, int) else seed)]
+        if not seeds:
+            raise SpecError("`seed` names no seed: give one, or several, to train.")
         objective = self.objective
         program = StgatProgram(
             train,

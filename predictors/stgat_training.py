@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.contract import FUTURE, HISTORY, Observation, PredictorError, Truth
+from motion_gym.catalog import whole_number
+from motion_gym.contract import FUTURE, HISTORY, Observation, PredictorError, SpecError, Truth
 from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.objectives import Objective, risks_of
 from motion_gym.predictors.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
@@ -80,8 +81,8 @@ class Schedule:
             turns, nothing is shuffled, and an epoch sees every scene once.
         shortest: With ``joint``, an epoch ends when the smallest environment has been seen once; else it has as many
             steps as all scenes together would fill, and smaller environments are seen more than once.
-        agents: Without ``joint``: where the scenes of a step hold more agents than this, take every n-th of them, others
-            in the next epoch, and let each count n times. Neighbouring windows of a crowd are nearly the same.
+        agents: Without ``joint``: where the scenes of a step hold more agents than this, every n-th of them is taken,
+            others in the next epoch, and counts for all. Neighbouring windows of a crowd are nearly the same.
     """
 
     epochs: tuple[int, int, int] = (150, 100, 150)
@@ -89,6 +90,16 @@ class Schedule:
     joint: bool = False
     shortest: bool = False
     agents: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raise SpecError for values that make no training."""
+        if len(self.epochs) != 3 or self.epochs[2] == 0:
+            raise SpecError(f"`epochs={self.epochs}` must be three numbers, with at least one epoch in the last stage.")
+        for epochs in self.epochs:
+            whole_number("epochs", epochs, 0, 1_000_000)
+        whole_number("scenes", self.scenes, 1, 1_000_000)
+        if self.agents is not None:
+            whole_number("agents", self.agents, 1, 1_000_000)
 
 
 class StgatProgram:

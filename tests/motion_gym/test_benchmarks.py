@@ -6,12 +6,16 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from motion_gym import benchmark_report, benchmarks, catalog, published, seed_tables
+from motion_gym import benchmark_report, benchmarks, catalog, seed_tables, source_selection
 from motion_gym.benchmarks import BENCHMARKS, Part
-from motion_gym.contract import PredictorError, SpecError
+from motion_gym.contract import DataError, PredictorError, SpecError
 
 PART = Part(
-    "A small part", {"1": "eth:alpha=1", "8": "eth:alpha=8", "64": "eth:alpha=64"}, ("constant_velocity",), ("erm",), "spurious"
+    "A small part",
+    {"1": "eth:alpha=1", "8": "eth:alpha=8", "64": "eth:alpha=64"},
+    ("constant_velocity",),
+    ("erm",),
+    "spurious",
 )
 
 
@@ -53,7 +57,9 @@ def test_unknown_names_are_refused(tmp_path):
 
 
 def test_rows_without_weights_are_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(BENCHMARKS, "small", (Part("x", {"1": "eth:alpha=1"}, (), ("vrex:penalty=0.123",), "spurious"),))
+    monkeypatch.setitem(
+        BENCHMARKS, "small", (Part("x", {"1": "eth:alpha=1"}, (), ("vrex:penalty=0.123",), "spurious"),)
+    )
     with pytest.raises(PredictorError, match=r"have no `vrex-penalty=0.123`.*motion-gym train vrex:penalty=0.123"):
         benchmarks.run("small", tmp_path)
     assert not list(tmp_path.iterdir())
@@ -66,13 +72,19 @@ def test_every_seed_is_scored_once_and_found_again(small):
         patch.setitem(BENCHMARKS, "small", (part,))
         patch.setattr("motion_gym.results.evaluate", None)  # nothing is run again
         ((_, again),) = benchmarks.run("small", folder)
-    assert again == json.loads(json.dumps(results))
+        ((_, read),) = benchmarks.read("small", folder)
+        assert again == read == json.loads(json.dumps(results))
+        next(folder.glob("erm*.json")).unlink()
+        with pytest.raises(
+            DataError, match=r"has no result of erm:weights=spurious,seed=\d on eth:alpha=.*motion-gym run small"
+        ):
+            benchmarks.read("small", folder)
 
 
 def test_tables_hold_means_and_standard_errors(small):
     _, (part, results) = small
     text = seed_tables.markdown(part, results)
-    values = seed_tables.over_seeds(results, "ADE")["erm", "eth:alpha=8.0"]
+    values = seed_tables.over_seeds(part, results, "ADE")["erm", "8"]
     assert len(values) == 5
     error = values.std(ddof=1) / np.sqrt(5)
     cell = f"{values.mean():.3f} ± {error:.3f}".replace("0.", ".")
@@ -85,12 +97,11 @@ def test_tables_hold_means_and_standard_errors(small):
 
 def test_published_numbers_stand_in_columns_of_their_own(small):
     _, (part, results) = small
-    domains = {str(a): f"eth:alpha={a}" for a in published.ALPHAS}
-    lines = seed_tables.against_published(Part(part.title, domains, (), ("erm",), "spurious"), results).splitlines()
+    lines = seed_tables.against_published(part, results).splitlines()
     (line,) = [line for line in lines if line.startswith("| `erm` | 64 | 20 |")]
     cells = [cell.strip() for cell in line.split("|")]
     assert cells[5:7] == ["2.770", "2.666 / 4.441"]
-    ours = seed_tables.over_seeds(results, "JADE_20")["erm", "eth:alpha=64.0"].mean()
+    ours = seed_tables.over_seeds(part, results, "JADE_20")["erm", "64"].mean()
     assert cells[7] == f"{100 * (ours / 2.77 - 1):+.0f} %"
     assert "| `gcrl` | 8 | 1 | - | - | .988 / 1.872 | - |" in lines
 
@@ -104,3 +115,14 @@ def test_files_of_a_benchmark_are_written_and_are_the_same_again(small, tmp_path
         if path.suffix == ".svg":
             ElementTree.parse(path)
     assert {path.name: path.read_bytes() for path in benchmark_report.write("spurious", [found], tmp_path)} == first
+
+
+def test_relative_sigma_is_chosen_on_the_sources_alone(eth_ucy):
+    place = catalog.domain("eth:alpha=1")
+    place.windows = None  # the domain itself must not be looked at
+    found = source_selection.left_out(("linear:sigma=true", "linear:sigma=relative"), place)
+    means = {row: errors["mean"] for row, errors in found.items()}
+    assert means["linear:sigma=relative"] == pytest.approx(0.435, abs=0.002)
+    assert means["linear:sigma=true"] == pytest.approx(0.512, abs=0.002)
+    assert len(found["linear:sigma=true"]) == 5
+    assert "| `linear:sigma=relative` |" in source_selection.markdown(found).split("chosen |")[0].splitlines()[-1]

@@ -7,10 +7,11 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from motion_gym import catalog, datasets
+from motion_gym import benchmarks, catalog, datasets
 from motion_gym.cli import main
 from motion_gym.metrics import METRICS
 from motion_gym.storage import data_folder
@@ -398,3 +399,57 @@ def test_help_names_every_command_and_option(capsys):
         assert stopped.value.code == 0
         out = capsys.readouterr().out
         assert [word for word in words if word not in out] == []
+
+
+@pytest.fixture
+def small_training(monkeypatch):
+    """A benchmark that is trained for in seconds, on simulated crowds."""
+    small = benchmarks.Training("orca:scenes=70", options={"epochs": (1, 1, 2)})
+    monkeypatch.setattr(benchmarks, "trainings", lambda: {"small": small})
+
+
+def test_train_then_score(small_training, capsys):
+    again = "train erm_no_sigma --benchmark small --seeds 0,2 --every 1 --out own"
+    said = call(capsys, again)
+    path = Path("own/small/erm_no_sigma.safetensors")
+    assert f"Written: {path}\n2 seeds in" in said and "validation ADE" in said
+    card = json.loads(path.with_suffix(".json").read_text())
+    assert card["seeds"] == [0, 2] and len(card["validation_ade"]) == 2 and card["training"]["epochs"] == [1, 1, 2]
+    assert all(len(part["sha256"]) == 64 for part in card["training"]["train"])
+    assert "erm_no_sigma" in call(capsys, f"score erm_no_sigma --weights {path} --domain orca:scenes=40")
+    # A finished training goes on where it ended.
+    assert "is there already: add --resume to go on" in fail(capsys, again).err
+    call(capsys, f"{again} --resume --epochs 1 1 3")
+    assert json.loads(path.with_suffix(".json").read_text())["curve"][-1]["epoch"] == 5
+    other = fail(capsys, f"{again} --resume --epochs 2 1 3").err
+    assert "another configuration (epochs_before: [1, 1], now [2, 1])" in other
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("train linear --benchmark small", "is not trained in epochs"),
+        ("train erm --benchmark small", "erm is given sigma, and this domain has x and y alone"),
+        ("train vrexx --benchmark small", "Did you mean `vrex`"),
+        ("train erm --benchmark smal", "Did you mean `small`"),
+        ("train erm_no_sigma --benchmark small --seeds 0-x", "cannot be read: write 0-4"),
+        ("train erm_no_sigma --benchmark small --seeds 1,1", "each once"),
+        ("train erm_no_sigma --benchmark small --seeds 4-1", "at least one seed"),
+        ("train invariant:penalty=-1 --benchmark small", "`penalty=-1` must be a number, 0 or more"),
+        ("train erm:sigma=maybe --benchmark small", "must be true, false or relative"),
+        ("train erm_no_sigma --benchmark small --epochs 1 1 0", "at least one epoch"),
+        ("train erm_no_sigma --benchmark small --every 0", "`every=0` must be a whole number"),
+        ("run spurios", "Did you mean `spurious`"),
+        ("score linear --weights spurious --domain eth", "none of linear has weights"),
+        ("score erm --weights spurios --domain eth:alpha=8", "Did you mean `spurious`"),
+        ("score erm --weights a.safetensors --domain eth:alpha=8", "There is no file a.safetensors"),
+        ("import-weights none.pth.tar --predictor linear", "has no weights of the released program"),
+        ("import-weights none.pth.tar --predictor erm", "There is no file none.pth.tar"),
+        ("import-weights a.pth.tar --predictor erm --out a.pt", "must end in .safetensors"),
+    ],
+)
+def test_what_cannot_be_trained_scored_or_imported_is_said(small_training, line, message, capsys, tmp_path):
+    folder = tmp_path / "out"
+    out = f" --out {folder}" if line.startswith(("train", "run")) else ""
+    assert message in fail(capsys, line + out).err
+    assert not folder.exists()

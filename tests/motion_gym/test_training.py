@@ -11,7 +11,9 @@ import torch
 import motion_gym as mg
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.domains import training_set
-from motion_gym.predictors.stgat import Erm, ErmNoSigma, GroupDro, Invariant, VRex
+from motion_gym.predictors import kernels
+from motion_gym.predictors.stgat import Counterfactual, Erm, ErmNoSigma, GroupDro, Invariant, VRex
+from motion_gym.predictors.stgat_training import Schedule, StgatProgram
 from motion_gym.storage import StorageError
 from motion_gym.windows import pick_scenes
 
@@ -193,3 +195,45 @@ def test_a_full_disk_leaves_the_last_checkpoint(data, tmp_path, monkeypatch):
         Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, every=1)
     assert torch.load(checkpoint, weights_only=True)["epoch"] == 1
     assert [path.name for path in tmp_path.iterdir()] == ["a.checkpoint"]
+
+
+@pytest.mark.parametrize("kind", [Counterfactual, GroupDro])
+def test_plain_operations_of_torch_train_alike(data, kind, monkeypatch):
+    # What runs on a GPU, on the CPU.
+    by_kernels = kind().fit(*data, [0, 1], epochs=(1, 1, 1))
+    monkeypatch.setattr(kernels, "serve", lambda x: False)
+    plainly = kind().fit(*data, [0, 1], epochs=(1, 1, 1))
+    for a, b in zip(by_kernels.card["curve"], plainly.card["curve"], strict=True):
+        assert a["loss"] == pytest.approx(b["loss"], rel=2e-3)
+    np.testing.assert_allclose(by_kernels.card["validation_ade"], plainly.card["validation_ade"], rtol=2e-2)
+
+
+def test_every_scene_of_a_crowd_has_its_turn(data):
+    program = program_of(data, Schedule(scenes=10, agents=7))
+    seen = [np.concatenate([b.steps.numpy()[1, :, 0] for b in program._in_turn(epoch)]) for epoch in range(3)]
+    total = sum(len(truth.future) for truth in data[0])
+    # 10 pairs are 20 agents, so that every third pair is taken.
+    assert all(0.28 < len(part) / total < 0.42 for part in seen)
+    every = np.sort(
+        np.concatenate([truth.observation.xy[:, 1, 0] - truth.observation.xy[:, 0, 0] for truth in data[0]])
+    )
+    np.testing.assert_allclose(np.sort(np.concatenate(seen)), every, atol=1e-4)
+    # A scene that is taken counts for those that are not.
+    counts = [sum(float(b.count.sum()) for b in program._in_turn(epoch)) for epoch in range(3)]
+    np.testing.assert_allclose(counts, 3 * [sum(truth.observation.scenes for truth in data[0])])
+
+
+def test_joint_steps_hold_every_environment(data):
+    uneven = [[pick_scenes(data[0][0], slice(0, 12)), *data[0][1:]], data[1]]
+    short, long = (program_of(uneven, Schedule(scenes=12, joint=True, shortest=s)) for s in (True, False))
+    assert [len(list(p._shuffled(0))) for p in (short, long)] == [3, 13]
+    for step in long._shuffled(1):
+        assert [len(scenes) for _, scenes in step] == [4, 4, 4]
+    first, again, other = (np.concatenate([s for step in long._shuffled(e) for _, s in step]) for e in (1, 1, 2))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def program_of(data, schedule):
+    """The program of ERM on a schedule."""
+    made = Erm()
+    return StgatProgram(*data, 3, made._inputs, made.objective, False, schedule, torch.device("cpu"), {})
