@@ -59,6 +59,7 @@ class EthUcy(RecordedDomain):
     training_files: ClassVar[tuple[str, ...]]
     test_files: ClassVar[tuple[str, ...]]
     columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
+    headline = ("alpha",)
     source = "ETH (BIWI walking pedestrians) and UCY (crowds by example)"
     terms = "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
 

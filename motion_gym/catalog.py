@@ -220,6 +220,8 @@ def _having(thing: Any, needs: tuple[str, ...], kind: str) -> Any:
 def _text(value: Any) -> str:
     """A value as ``_value`` reads it back: text that looks like something else is quoted."""
     plain = not isinstance(value, str) or (_value(value) == value and value == value.strip())
+    if isinstance(value, bool):
+        return str(value).lower()
     return str(value) if plain else repr(value)
 
 

@@ -33,7 +33,7 @@ class RecordedDomain:
     terms: ClassVar[str] = ""
     oracle: ClassVar[str | None] = None
     headline: ClassVar[tuple[str, ...]] = ()
-    """Parameters that tables show even at their defaults."""
+    """Parameters that tables show even at their defaults, unless these are None."""
     dt: float = 0.4
     min_agents: int = 1
     stride: int = 1
@@ -141,7 +141,7 @@ def spec_of(domain: Domain) -> str:
     card = domain.card
     defaults = {name: p.default for name, p in inspect.signature(type(domain)).parameters.items()}
     shown = getattr(type(domain), "headline", ())
-    changed = {k: v for k, v in card.parameters.items() if k in shown or defaults.get(k) != v}
+    changed = {k: v for k, v in card.parameters.items() if (k in shown and v is not None) or defaults.get(k) != v}
     if isinstance(domain, RecordedDomain):
         for key in [k for k in changed if k not in shown]:
             fewer = {k: v for k, v in changed.items() if k != key}

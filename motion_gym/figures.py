@@ -64,16 +64,19 @@ def one_scene(part: Part, rows: Sequence[str], path: Path) -> None:
         rows: Predictors.
         path: Where the SVG goes.
     """
-    figure = Figure(figsize=(4.2 * len(SCENE_ALPHAS), 4.6), layout="constrained")
-    panels = figure.subplots(1, len(SCENE_ALPHAS), sharex=True, sharey=True)
+    truth = catalog.domain(next(iter(part.domains.values()))).windows("test")
+    number = _scene_of_turns(truth)
+    width, height = np.ptp(pick_scenes(truth, [number]).future.reshape(-1, 2), axis=0)
+    wide = len(SCENE_ALPHAS) if height > width else 1
+    figure = Figure(figsize=(10, 8 if wide == 1 else 5), layout="constrained")
+    panels = figure.subplots(len(SCENE_ALPHAS) // wide, wide, sharex=True, sharey=True)
     colors = matplotlib.colormaps["tab10"].colors  # type: ignore[attr-defined]
     for axes, alpha in zip(panels, SCENE_ALPHAS, strict=True):
         place = catalog.domain(part.domains[str(alpha)])
-        truth = place.windows("test")
-        scene = pick_scenes(truth, [_scene_of_turns(truth)])
+        scene = pick_scenes(place.windows("test"), [number])
         history, future = scene.observation.xy, scene.future
-        for number, (past, then) in enumerate(zip(history, future, strict=True)):
-            label = ("observed", "truth") if not number else (None, None)
+        for person, (past, then) in enumerate(zip(history, future, strict=True)):
+            label = ("observed", "truth") if not person else (None, None)
             axes.plot(*past.T, "-", color="0.6", linewidth=2, label=label[0])
             axes.plot(*np.vstack([past[-1:], then]).T, "-", color="black", linewidth=2, label=label[1])
         for color, row in zip(colors, rows, strict=False):
@@ -81,13 +84,14 @@ def one_scene(part: Part, rows: Sequence[str], path: Path) -> None:
             weights = {"weights": part.weights} if row in part.trained else {}
             made = ready(catalog.format_spec(name, {**parameters, **weights}), place)
             forecast = ask(made, scene.observation).most_likely()
-            for number, (past, then) in enumerate(zip(history, forecast, strict=True)):
+            for person, (past, then) in enumerate(zip(history, forecast, strict=True)):
                 line = np.vstack([past[-1:], then])
-                axes.plot(*line.T, "-", color=color, linewidth=1, label=None if number else row)
+                axes.plot(*line.T, "-", color=color, linewidth=1, label=None if person else row)
         axes.set_title(f"alpha = {alpha}", fontsize=10)
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal", adjustable="box")
         axes.set_xlabel("x, metres")
-    panels[0].set_ylabel("y, metres")
+        axes.set_ylabel("y, metres")
+        axes.label_outer()
     figure.legend(
         *panels[0].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=6, frameon=False
     )

@@ -56,7 +56,7 @@ def test_rows_say_what_the_results_say(results):
 
 
 def test_numbers_above_1_and_below_0_keep_their_digits():
-    assert [report._number(x) for x in (1.2345, 0.5, -0.5, 0.0, 12.0, None)] == [
+    assert [report.number(x) for x in (1.2345, 0.5, -0.5, 0.0, 12.0, None)] == [
         "1.234",
         ".500",
         "-.500",
@@ -64,7 +64,7 @@ def test_numbers_above_1_and_below_0_keep_their_digits():
         "12.000",
         "-",
     ]
-    assert [report._number(x, sign=True) for x in (0.5, -0.5, 1.5)] == ["+.500", "-.500", "+1.500"]
+    assert [report.number(x, sign=True) for x in (0.5, -0.5, 1.5)] == ["+.500", "-.500", "+1.500"]
 
 
 @pytest.mark.parametrize("width", [80, 120])

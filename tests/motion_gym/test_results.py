@@ -238,7 +238,7 @@ def test_killed_sweep_leaves_whole_files_and_goes_on(tmp_path):
         ("eth", "eth"),
         ("eth:alpha=64", "eth:alpha=64.0"),
         ("eth:alpha=64,sigma=paper", "eth:alpha=64.0"),
-        ("eth:sigma=past", "eth:sigma=past"),
+        ("eth:sigma=past", "eth:alpha=1.0,sigma=past"),
         ("eth:alpha=8,sigma=past", "eth:alpha=8.0,sigma=past"),
         ("zara1:min_agents=1", "zara1:min_agents=1"),
         ("orca", "orca:d=0.3"),
