@@ -41,21 +41,17 @@ def rate() -> float:
     return 2048**3 / min(times)
 
 
-def best_epoch(seeds: int, plan: list[int], device: str) -> float:
-    """Best seconds of an epoch, the first left out."""
-    seen = [0.0]
+def best_epoch(seeds: int, stage: int, device: str, repeats: int) -> float:
+    """Best seconds of an epoch of a stage, the first left out."""
+    plan, seen = [0, 0, 1], [0.0]
+    plan[stage - 1] = repeats + 1
     Erm().fit(*DATA, list(range(seeds)), epochs=plan, device=device, report=lambda p: seen.append(p.seconds))
-    return min(np.diff(seen)[1:])
+    return min(np.diff(seen)[1 : repeats + 1])
 
 
 def epochs(seeds: int, device: str = "cpu", repeats: int = 3) -> dict[int, float]:
     """Best seconds of an epoch of each stage, validation included."""
-    times = {}
-    for stage in (1, 2, 3):
-        plan = [0, 0, 0]
-        plan[stage - 1] = repeats + 1
-        times[stage] = best_epoch(seeds, plan, device)
-    return times
+    return {stage: best_epoch(seeds, stage, device, repeats) for stage in (1, 2, 3)}
 
 
 if __name__ == "__main__":

@@ -60,6 +60,7 @@ class EthUcy(RecordedDomain):
     test_files: ClassVar[tuple[str, ...]]
     columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     headline = ("alpha",)
+    tests_on_train = True
     source = "ETH (BIWI walking pedestrians) and UCY (crowds by example)"
     terms = "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
 

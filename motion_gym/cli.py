@@ -11,18 +11,15 @@ from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
-from rich.markdown import Markdown
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from motion_gym import benchmarks, catalog, datasets, report, results
+from motion_gym import catalog, cli_training, datasets, report, results
+from motion_gym.cli_output import console, progress_bar, say
 from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError, SpecError
 from motion_gym.evaluation import BASELINE, PROTOCOLS
 from motion_gym.metrics import METRICS
 from motion_gym.storage import data_folder
-
-console = Console(emoji=False)
 
 Names = Annotated[list[str], tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR [PREDICTOR ...]")]
 Thing = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="THING")]
@@ -88,161 +85,12 @@ def demo(out: Out = None) -> None:
         jobs += [(place, _between(predictors, place)) for place in places]
     _score(jobs, out, k=1, protocol="honest", split="test", seed=0)
     if not here:
-        _say("ETH-UCY was left out: its data is not here, or not whole. Get it with one of")
-        _say("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
-        _say("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
-    _say("Next: write a predictor, as examples/own_predictor.py; from its folder:")
-    _say("  motion-gym score own_predictor:Turning --domain orca:d=0.6")
-    _say("(`motion-gym` is found after `. .venv/bin/activate`.)")
-
-
-def train(
-    predictor: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR")],
-    benchmark: str,
-    seeds: str = "0-4",
-    device: str = "cpu",
-    resume: bool = False,
-    epochs: Annotated[tuple[int, int, int] | None, tyro.conf.arg(metavar="INT INT INT")] = None,
-    every: int = 10,
-    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("weights"),
-) -> None:
-    """Train a predictor for a benchmark, all seeds in one pass.
-
-    Writes OUT/BENCHMARK/PREDICTOR.safetensors, its card, .json, and its last checkpoint, from which --resume goes on
-    with more epochs of the last stage. Score it: motion-gym score PREDICTOR --weights
-    OUT/BENCHMARK/PREDICTOR.safetensors --domain ...
-
-    Args:
-        predictor: Name or spec, as erm or invariant:penalty=1.
-        benchmark: What to train for: spurious (test on eth), spurious/hotel, original/hotel, ...
-        seeds: Seeds, as 0-4 or 0,2,5.
-        device: cpu or cuda.
-        resume: Go on from the last checkpoint; without it, one that is there is refused.
-        epochs: Epochs of the three stages; by default those of the benchmark.
-        every: Epochs from one checkpoint to the next.
-        out: Folder for weights and checkpoints.
-    """
-    made = catalog.predictor(predictor)
-    if not all(name in inspect.signature(getattr(made, "fit", print)).parameters for name in ("checkpoint", "report")):
-        raise SpecError(f"`{predictor}` is not trained in epochs: there is nothing to train. See `motion-gym ls`.")
-    plan = benchmarks.training(benchmark)
-    path = out / benchmark / f"{made.row}.safetensors"  # type: ignore[attr-defined]
-    checkpoint = path.with_suffix(".checkpoint")
-    if checkpoint.exists() and not resume:
-        raise SpecError(f"{checkpoint} is there already: add --resume to go on, or delete it to start again.")
-    options = {**plan.options, **({"epochs": epochs} if epochs else {})}
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    screen = Console(stderr=True)
-    with Progress(*columns, console=screen, disable=not screen.is_terminal) as progress:
-        task = progress.add_task(made.name, total=None)  # type: ignore[attr-defined]
-
-        def report(state: Any) -> None:
-            score = "" if state.score is None else f", validation ADE {state.score:.3f} m"
-            text = f"{state.stage}: loss {state.loss:.3f}{score}"
-            progress.update(task, total=state.epochs, completed=state.epoch, description=text)
-
-        made.fit(  # type: ignore[attr-defined]
-            *plan.data(),
-            _seeds(seeds),
-            device=device,
-            checkpoint=checkpoint,
-            resume=resume,
-            every=every,
-            report=report,
-            **options,
-        )
-    made.save(path)  # type: ignore[attr-defined]
-    card = made.card  # type: ignore[attr-defined]
-    scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
-    _say(f"Written: {path}")
-    _say(f"{len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} m.")
-
-
-def run(
-    benchmark: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="BENCHMARK")],
-    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("results"),
-    into: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-) -> None:
-    """Score every row of a benchmark, and write its tables and figures.
-
-    Writes OUT/BENCHMARK/: one JSON file per run (a run that is there already is not run again), tables.md and figures.
-
-    Args:
-        benchmark: spurious or original.
-        out: Folder of all results.
-        into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the short table into.
-    """
-    from motion_gym import benchmark_report
-
-    folder = out / benchmark
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    screen = Console(stderr=True)
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
-        task = progress.add_task(benchmark, total=None)
-        found = benchmarks.run(
-            benchmark,
-            folder,
-            lambda done, of, what: progress.update(task, total=of, completed=done, description=escape(what)),
-        )
-    written = benchmark_report.write(benchmark, found, folder)
-    console.print(Markdown(benchmark_report.short(benchmark, found)))
-    if into is not None:
-        changed = report.insert(into, benchmark, benchmark_report.short(benchmark, found))
-        _say(f"{into}: {'written' if changed else 'already up to date'}")
-    for path in written:
-        _say(f"Written: {path}")
-
-
-def import_weights(
-    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")],
-    predictor: str,
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-) -> None:
-    """Turn a weight file of the paper's released program (.pth.tar) into one of ours.
-
-    The file is read safely: one that holds anything but tensors and plain values is refused, not opened.
-
-    Args:
-        file: The .pth.tar.
-        predictor: What it was trained as: erm, counterfactual or invariant.
-        out: Where the weights go; by default beside the file, ending in .safetensors.
-    """
-    made = catalog.predictor(predictor)
-    if not hasattr(made, "from_released"):
-        raise SpecError(f"`{predictor}` has no weights of the released program: erm, counterfactual or invariant have.")
-    target = out if out is not None else file.with_name(file.name.split(".pth")[0] + ".safetensors")
-    if target.suffix != ".safetensors":
-        raise SpecError(f"`--out {target}` must end in .safetensors.")
-    made.from_released(file).save(target)
-    _say(f"Written: {target} and its card. Score it:")
-    _say(f"  motion-gym score {predictor} --weights {target} --domain eth:alpha=8 --k 20")
-
-
-def _with_weights(predictors: Sequence[str], weights: str) -> list[str]:
-    """The specs, with weights where the predictor has some; SpecError if none has."""
-    found, any_of_them = [], False
-    for spec in predictors:
-        name, parameters = catalog.parse_spec(spec)
-        target = catalog.PREDICTORS[name].target if name in catalog.PREDICTORS else name
-        takes = "weights" in inspect.signature(catalog.load_class(target, "predictor")).parameters
-        any_of_them |= takes
-        found.append(catalog.format_spec(name, {**parameters, "weights": weights}) if takes else spec)
-    if not any_of_them:
-        raise SpecError(f"`--weights {weights}`: none of {', '.join(predictors)} has weights.")
-    return found
-
-
-def _seeds(text: str) -> list[int]:
-    """Seeds of ``0-4`` or ``0,2,5``."""
-    found: list[int] = []
-    for part in text.split(","):
-        first, dash, last = part.partition("-")
-        if not first.strip().isdecimal() or (dash and not last.strip().isdecimal()):
-            raise SpecError(f"`--seeds {text}` cannot be read: write 0-4, or 0,2,5.")
-        found += range(int(first), int(last or first) + 1)
-    if not found or len(set(found)) < len(found):
-        raise SpecError(f"`--seeds {text}` must name at least one seed, and each once.")
-    return found
+        say("ETH-UCY was left out: its data is not here, or not whole. Get it with one of")
+        say("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
+        say("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
+    say("Next: write a predictor, as examples/own_predictor.py; from its folder:")
+    say("  motion-gym score own_predictor:Turning --domain orca:d=0.6")
+    say("(`motion-gym` is found after `. .venv/bin/activate`.)")
 
 
 def table(
@@ -260,7 +108,7 @@ def table(
         print(text)
     else:
         changed = report.insert(into, name, text)
-        _say(f"{into}: {'written' if changed else 'already up to date'}")
+        say(f"{into}: {'written' if changed else 'already up to date'}")
 
 
 def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None) -> None:
@@ -274,10 +122,10 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
         target, _ = catalog.parse_spec(name)
         entry = {**catalog.DOMAINS, **catalog.PREDICTORS}.get(target)
         kind = catalog.load_class(entry.target if entry else target)
-        _say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")
+        say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")
         parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
         if parent is not None and "## Arguments" not in (kind.__doc__ or ""):
-            _say(f"\n{inspect.getdoc(parent)}")
+            say(f"\n{inspect.getdoc(parent)}")
         return
     _list("Domains  (name:parameter=value; also environments motion_gym/ID)", ("name", "id", "what"), [
         (name, entry.env_id or "", entry.summary) for name, entry in catalog.DOMAINS.items()
@@ -303,11 +151,11 @@ def check(thing: Thing, domain: str = "orca:scenes=40") -> None:
     if _is_predictor(thing):
         place, predictor = catalog.domain(domain), thing
         check_predictor(thing, domain=place)
-        _say(f"{thing} keeps the contract of a predictor.")
+        say(f"{thing} keeps the contract of a predictor.")
     else:
         place, predictor = catalog.domain(thing), BASELINE
         check_domain(place)
-        _say(f"{thing} keeps the contract of a domain.")
+        say(f"{thing} keeps the contract of a domain.")
     # An oracle reads the world by permission, and simulates whole windows.
     oracle = hasattr(catalog.predictor(predictor), "know")
     for clock in ("windows",) if oracle else ("windows", "stream"):
@@ -341,7 +189,7 @@ def data(
                 ("terms", entry.terms),
                 ("cite", entry.citation),
             ):
-                _say(f"  {label + ':':8}{text}")
+                say(f"  {label + ':':8}{text}")
         return
     if name is None:
         raise SpecError(f"Which data set? motion-gym data {action} NAME; known: {', '.join(datasets.DATASETS)}.")
@@ -362,15 +210,15 @@ def data(
             f"{len(bad)} of {len(states)} files of {name} are missing or damaged: `motion-gym data fetch {name}`, or "
             f"`motion-gym data add {name} --from DIR`."
         )
-    _say(f"{name}: all {len(states)} files are here and whole.")
+    say(f"{name}: all {len(states)} files are here and whole.")
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "score": score,
     "demo": demo,
-    "train": train,
-    "run": run,
-    "import-weights": import_weights,
+    "train": cli_training.train,
+    "run": cli_training.run,
+    "import-weights": cli_training.import_weights,
     "table": table,
     "ls": ls,
     "check": check,
@@ -415,11 +263,9 @@ def _variants(place: Domain, protocol: str) -> list[Domain]:
 
 
 def _score(jobs: Sequence[tuple[Domain, Sequence[str]]], out: Path | None, **options: Any) -> None:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     done: list[report.Result] = []
     failures: dict[str, list[str]] = {}
-    screen = Console(stderr=True)
-    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
+    with progress_bar() as progress:
         task = progress.add_task("", total=sum(len(names) for _, names in jobs))
         for place, names in jobs:
             progress.start()  # and stopped while a table is printed: they may share a terminal
@@ -440,7 +286,20 @@ def _score(jobs: Sequence[tuple[Domain, Sequence[str]]], out: Path | None, **opt
     if failures:
         raise PredictorError("\n".join(f"{message} (on {', '.join(on)})" for message, on in failures.items()))
     if out is not None:
-        _say(f"Results are in {out}.")
+        say(f"Results are in {out}.")
+
+
+def _with_weights(predictors: Sequence[str], weights: str) -> list[str]:
+    """The specs, with weights where the predictor has some; SpecError if none has."""
+    found, any_of_them = [], False
+    for spec in predictors:
+        name, parameters = catalog.parse_spec(spec)
+        takes = "weights" in inspect.signature(type(catalog.predictor(spec))).parameters
+        any_of_them |= takes
+        found.append(catalog.format_spec(name, {**parameters, "weights": weights}) if takes else spec)
+    if not any_of_them:
+        raise SpecError(f"`--weights {weights}`: none of {', '.join(predictors)} has weights.")
+    return found
 
 
 def _is_predictor(thing: str) -> bool:
@@ -463,11 +322,6 @@ def _between(predictors: Sequence[str], place: Domain) -> list[str]:
     """The predictors between constant velocity and the oracle, each once."""
     oracle = [place.card.oracle] if place.card.oracle else []
     return list(dict.fromkeys([BASELINE, *predictors, *oracle]))
-
-
-def _say(text: str) -> None:
-    """Print as it is: no markup, no colours, no lines broken."""
-    console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
 def _list(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

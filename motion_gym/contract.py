@@ -201,7 +201,7 @@ class Predictor(Protocol):
 
     Optional attributes: ``fitted`` (bool), for those with ``fit``; ``selection`` (str), how the weights were selected,
     which every result states; ``fingerprint`` (str), a digest of the weights, so that a result made with others is
-    another result.
+    another result; ``trained_on``, names of the domains whose windows the weights were trained on.
     """
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast | np.ndarray:

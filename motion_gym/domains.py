@@ -34,6 +34,8 @@ class RecordedDomain:
     oracle: ClassVar[str | None] = None
     headline: ClassVar[tuple[str, ...]] = ()
     """Parameters that tables show even at their defaults, unless these are None."""
+    tests_on_train: ClassVar[bool] = False
+    """Whether the windows of ``test`` include those of ``train``: trained here, a predictor must not be tested here."""
     dt: float = 0.4
     min_agents: int = 1
     stride: int = 1

@@ -6,7 +6,7 @@ import dataclasses
 import resource
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -212,7 +212,7 @@ def evaluate(
         horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
         versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
         oracle=hasattr(made, "know"),
-        leaks=_leaks(card, leaking),
+        leaks=_leaks(card, leaking, getattr(made, "trained_on", ()), type(place)),
         scored=_scored(truth),
         selection=getattr(made, "selection", UNSTATED),
         reference_scenes=references,
@@ -294,8 +294,10 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
     return Forecast.join(parts)
 
 
-def _leaks(card: Card, leaking: bool) -> tuple[str, ...]:
+def _leaks(card: Card, leaking: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
     leaks = []
+    if card.name in trained_on and getattr(kind, "tests_on_train", False):
+        leaks.append(f"the weights were trained on windows of {card.name} that are scored here")
     if card.side_channels:
         leaks.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
     if leaking:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from motion_gym import catalog
 from motion_gym.benchmarks import Part
-from motion_gym.contract import SpecError
+from motion_gym.contract import FUTURE, SpecError
 from motion_gym.harness import ask, ready
 from motion_gym.seed_tables import over_seeds
 from motion_gym.storage import write_atomic
@@ -39,7 +39,10 @@ def error_over_alpha(part: Part, results: Sequence[Mapping[str, Any]], metric: s
     colors = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
     for color, row in zip(colors, dict.fromkeys(row for row, _ in values), strict=False):
         columns = [values[row, name] for name in part.domains]
-        mean, spread = np.array([c.mean() for c in columns]), np.array([c.std() for c in columns])
+        mean, spread = (
+            np.array([c.mean() for c in columns]),
+            np.array([c.std(ddof=1) if len(c) > 1 else 0 for c in columns]),
+        )
         dashed = len(columns[0]) == 1
         axes.plot(alphas, mean, "--" if dashed else "o-", color=color, label=row, markersize=4, linewidth=1.4)
         axes.fill_between(alphas, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
@@ -56,8 +59,8 @@ def error_over_alpha(part: Part, results: Sequence[Mapping[str, Any]], metric: s
 def one_scene(part: Part, rows: Sequence[str], path: Path) -> None:
     """One scene forecast by several predictors, a panel for each alpha.
 
-    The scene is that of three to six agents whose people turn most, so that there is something to see; it is chosen by
-    the truth alone.
+    The scene is that of three to six agents who leave their straight way most (the largest final error of constant
+    velocity), so that there is something to see.
 
     Args:
         part: A part whose domains are named by their alpha.
@@ -102,7 +105,7 @@ def _scene_of_turns(truth: Any) -> int:
     sizes = np.diff(truth.observation.scene)
     path = np.concatenate([truth.observation.xy[:, -2:], truth.future], axis=1)
     steps = np.diff(path, axis=1)
-    straight = truth.observation.xy[:, -1] + 12 * steps[:, 0]
+    straight = truth.observation.xy[:, -1] + FUTURE * steps[:, 0]
     off = np.linalg.norm(truth.future[:, -1] - straight, axis=-1)
     turned = np.array(
         [off[a:b].mean() for a, b in zip(truth.observation.scene[:-1], truth.observation.scene[1:], strict=True)]
@@ -115,6 +118,7 @@ def _scene_of_turns(truth: Any) -> int:
 
 def _write(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
-    # Without the date, so that the same results give the same file.
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    # Without the date and with ids that are not random, so that the same results give the same file.
+    with matplotlib.rc_context({"svg.hashsalt": "motion_gym"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
     write_atomic(path, buffer.getvalue())

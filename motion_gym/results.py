@@ -26,7 +26,7 @@ from motion_gym.evaluation import default_k, evaluate
 from motion_gym.harness import windows_of_domain
 from motion_gym.storage import write_atomic
 
-PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo")
+PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
 SCHEMA = 1
 
 
@@ -132,10 +132,10 @@ def read_folder(folder: Path) -> list[dict[str, Any]]:
     return list(found.values())
 
 
-def versions(*packages: str) -> dict[str, str]:
-    """Versions of Python and of packages; by default those that any number may depend on."""
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that a number may depend on."""
     found = {"python": platform.python_version()}
-    for package in packages or PACKAGES:
+    for package in PACKAGES:
         try:
             found[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:

@@ -11,6 +11,7 @@ from motion_gym.contract import Domain
 from motion_gym.domains import spec_of, training_set
 from motion_gym.harness import ask
 from motion_gym.metrics import score
+from motion_gym.report import number
 
 
 def left_out(rows: Sequence[str], domain: Domain) -> dict[str, dict[str, float]]:
@@ -32,8 +33,8 @@ def left_out(rows: Sequence[str], domain: Domain) -> dict[str, dict[str, float]]
         errors = {}
         for out, source in enumerate(sources):
             made = catalog.predictor(row)
-            others = [truth for number, truth in enumerate(train) if number != out]
-            made.fit(others, validation, 0)  # type: ignore[attr-defined]
+            others = [[truth for i, truth in enumerate(part) if i != out] for part in (train, validation)]
+            made.fit(*others, 0)  # type: ignore[attr-defined]
             held = validation[out]
             errors[spec_of(source)] = float(np.mean(score(ask(made, held.observation), held)["ADE"]))
         found[row] = {**errors, "mean": float(np.mean(list(errors.values())))}
@@ -54,6 +55,6 @@ def markdown(found: dict[str, dict[str, float]]) -> str:
         f"|---|{'---|' * len(columns)}---|",
     ]
     for row, errors in found.items():
-        cells = " | ".join(f"{errors[column]:.3f}".lstrip("0") for column in columns)
+        cells = " | ".join(number(errors[column]) for column in columns)
         lines.append(f"| `{row}` | {cells} | {'chosen' if row == best else ''} |")
     return "\n".join(lines)

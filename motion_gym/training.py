@@ -3,7 +3,7 @@
 What is trained is a ``Program``: it gives first weights, losses and validation scores. Every tensor has a leading axis
 M, one model for each seed, and nothing ties the models together, so that a seed's result does not depend on which
 others are trained along (but for the last bits of sums). All randomness of an epoch comes from (seed, epoch) alone: a
-training that was killed and resumed gives what an uninterrupted one gives.
+training that was killed and resumed gives what an uninterrupted one gives, bit for bit on a CPU with as many threads.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Program(Protocol):
         ...
 
     def state(self, models: int) -> Tensor:
-        """State of the objective."""
+        """State of the objective at the beginning of a stage."""
         ...
 
     def losses(
@@ -140,7 +140,7 @@ def train(
 
     Raises:
         SpecError: the checkpoint is of another configuration, or cannot be read.
-        PredictorError: a loss or a weight is not finite; the last checkpoint stays.
+        PredictorError: a loss or a validation score is not finite; the last checkpoint stays.
         StorageError: a checkpoint could not be written.
     """
     every = whole_number("every", every, 1, 1_000_000)
@@ -148,6 +148,10 @@ def train(
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
     last = sum(stage.epochs for stage in program.stages)
+    if run.epoch > last:
+        raise SpecError(
+            f"{checkpoint} has {run.epoch} epochs, more than the {last} asked for: ask for as many or more."
+        )
     while run.epoch < last:
         report(run.step())
         if checkpoint is not None and (run.epoch % every == 0 or run.epoch == last):
@@ -174,7 +178,9 @@ class _Run:
 
     def __init__(self, program: Program, seeds: list[int], device: torch.device):
         self.program, self.seeds, self.device = program, seeds, device
-        self.config = json.loads(json.dumps({**program.config, "seeds": seeds}))
+        rates = [dict(stage.rates) for stage in program.stages]
+        config = {**program.config, "seeds": seeds, "rates": rates, "device": self.device.type}
+        self.config = json.loads(json.dumps(config))
         self.weights = {k: v.to(device).requires_grad_() for k, v in program.initial(seeds).items()}
         self.state = program.state(len(seeds))
         self.best = {name: value.detach().clone() for name, value in self.weights.items()}
@@ -184,7 +190,7 @@ class _Run:
         self.curve: list[dict[str, Any]] = []
         # One group for each weight, so that its rate can change from stage to stage.
         groups = [{"params": [value]} for value in self.weights.values()]
-        self.adam = torch.optim.Adam(groups, lr=0.0, foreach=True)
+        self.adam = torch.optim.Adam(groups, lr=0.0)
 
     def stage(self) -> int:
         """Index of the stage of the current epoch."""
@@ -201,6 +207,8 @@ class _Run:
         began = time.perf_counter()
         index = self.stage()
         stage = self.program.stages[index]
+        if self.epoch == sum(s.epochs for s in self.program.stages[:index]):
+            self.state = self.program.state(len(self.seeds))
         for group, name in zip(self.adam.param_groups, self.weights, strict=True):
             group["lr"] = stage.rates.get(name.split(".")[0], stage.rates.get("", 0.0))
         losses = []
@@ -216,6 +224,7 @@ class _Run:
         if stage.selects:
             with torch.no_grad():
                 scores = self.program.validate(self.weights, self.generators(1)).cpu()
+            self._check(scores[None], stage, "validation score")
             better = scores < self.score
             self.score[better] = scores[better]
             self.score_epoch[better] = self.epoch + 1
@@ -231,12 +240,13 @@ class _Run:
             self.epoch, sum(s.epochs for s in self.program.stages), stage.name, entry["loss"], score, self.seconds
         )
 
-    def _check(self, losses: Tensor, stage: Stage) -> None:
+    def _check(self, losses: Tensor, stage: Stage, what: str = "loss") -> None:
+        """Raise PredictorError if a number of some step and seed is not finite."""
         bad = (~torch.isfinite(losses)).nonzero()
         if len(bad):
             step, model = bad[0].tolist()
             raise PredictorError(
-                f"The loss of seed {self.seeds[model]} is {losses[step, model].item()} in epoch {self.epoch + 1} "
+                f"The {what} of seed {self.seeds[model]} is {losses[step, model].item()} in epoch {self.epoch + 1} "
                 f"({stage.name}), step {step + 1}: training stopped, and the last checkpoint is kept. Lower the "
                 "penalty or the learning rate, or look for values that are not finite in the data."
             )
@@ -262,7 +272,7 @@ class _Run:
     def load(self, path: Path) -> None:
         """Go on from a checkpoint."""
         try:
-            content = torch.load(path, map_location=self.device, weights_only=True)
+            content = torch.load(path, map_location="cpu", weights_only=True)
             config = json.loads(content["config"])
         except Exception as error:  # a damaged archive raises types of the library's own
             raise SpecError(

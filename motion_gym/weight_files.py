@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,7 +25,7 @@ def locate(weights: str, row: str) -> Path:
 
     Args:
         weights: Path of a ``.safetensors`` file, or name of a benchmark whose weights are shipped (``spurious``).
-        row: Predictor with its settings, as its file is called.
+        row: Predictor with its settings, as ``invariant:penalty=1``.
 
     Raises:
         PredictorError: there is no such file.
@@ -35,7 +36,7 @@ def locate(weights: str, row: str) -> Path:
             raise PredictorError(f"There is no file {path}: weights are a .safetensors and a .json.")
         return path
     folder = SHIPPED / weights
-    path = folder / f"{row}.safetensors"
+    path = folder / file_name(row)
     if not path.is_file():
         names = sorted(p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.safetensors"))
         if weights not in names:
@@ -43,12 +44,17 @@ def locate(weights: str, row: str) -> Path:
                 f"There are no weights `{weights}`: give a file that ends in .safetensors, or a name."
                 f"{suggest(weights, set(names))}"
             )
-        rows = sorted(p.stem for p in folder.glob("*.safetensors"))
+        rows = sorted(p.stem.replace("-", ":", 1) for p in folder.glob("*.safetensors"))
         raise PredictorError(
-            f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train "
-            f"{row.replace('-', ':', 1)} --benchmark {weights}."
+            f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "
+            f"--benchmark {weights}."
         )
     return path
+
+
+def file_name(row: str) -> str:
+    """How the file of a predictor with its settings is called."""
+    return f"{row.replace(':', '-', 1)}.safetensors"
 
 
 def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -58,7 +64,8 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         PredictorError: a file is missing or damaged.
     """
     try:
-        tensors = {name: value.float() for name, value in load_safetensors(path.read_bytes()).items()}
+        content = path.read_bytes()
+        tensors = {name: value.float() for name, value in load_safetensors(content).items()}
         card = json.loads(path.with_suffix(".json").read_text())
     except FileNotFoundError as error:
         raise PredictorError(f"There is no file {error.filename}: weights are a .safetensors and a .json.") from None
@@ -66,6 +73,8 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         raise PredictorError(f"{path} cannot be read, it is damaged or no safetensors file: {error}.") from None
     if not isinstance(card, dict):
         raise PredictorError(f"{path.with_suffix('.json')} is no card of weights: it must hold a JSON object.")
+    if card.get("sha256") != hashlib.sha256(content).hexdigest():
+        raise PredictorError(f"{path} and its card, .json, do not belong together: copy or train both again.")
     return tensors, card
 
 
@@ -78,5 +87,7 @@ def write(path: Path, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) ->
     stored = {
         name: value.half() if bool((value.half().float() == value).all()) else value for name, value in tensors.items()
     }
-    write_atomic(path.with_suffix(".json"), (json.dumps(card, indent=1) + "\n").encode())
-    write_atomic(path, save_safetensors({name: value.contiguous() for name, value in stored.items()}))
+    content = save_safetensors({name: value.contiguous() for name, value in stored.items()})
+    card = {**card, "sha256": hashlib.sha256(content).hexdigest()}
+    write_atomic(path, content)
+    write_atomic(path.with_suffix(".json"), (json.dumps(card, indent=1, allow_nan=False) + "\n").encode())

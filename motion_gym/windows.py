@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, SpecError, Truth
+from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, Truth
 from motion_gym.recordings import check_recording
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -174,20 +174,6 @@ def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) ->
     start = observation.scene[:-1][scenes]
     sizes = observation.scene[1:][scenes] - start
     return np.arange(sizes.sum()) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
-
-
-def check_sigma(sigma: object, name: str) -> None:
-    """Raise SpecError unless a predictor's ``sigma`` is True, False or ``"relative"``."""
-    if not isinstance(sigma, bool) and sigma != "relative":
-        raise SpecError(f"`sigma={sigma}` of {name} must be true, false or relative.")
-
-
-def relative_to_scene(observation: Observation) -> np.ndarray:
-    """[A, 8] the third feature divided by its mean over the agents and steps of the scene, where that is not zero."""
-    feature = observation.history[:, :, 2].astype(np.float64)
-    sizes = np.diff(observation.scene)
-    mean = np.bincount(observation.scene_index, feature.mean(axis=1), observation.scenes) / np.maximum(sizes, 1)
-    return feature / np.repeat(np.where(mean == 0, 1, mean), sizes)[:, None]
 
 
 def check_truth(truth: Any, what: str) -> Truth:

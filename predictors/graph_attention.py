@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 from torch.nn.functional import elu, leaky_relu
 
 from motion_gym.predictors import kernels
@@ -169,6 +170,7 @@ class Layer(torch.autograd.Function):
         return out
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, d_out: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:  # type: ignore[override]
         """Gradients of x, joined and bias."""
         joined, y, scale, made, out = ctx.saved_tensors

@@ -59,9 +59,16 @@ def side_by_side(job: Callable[[Part], Result], parts: list[Part]) -> list[Resul
 @cache
 def _pool(process: int, threads: int) -> ThreadPoolExecutor:
     """Threads that use no further threads in torch; of this process, as threads do not survive a fork."""
-    pool = ThreadPoolExecutor(threads, "motion_gym", torch.set_num_threads, (1,))
+    pool = ThreadPoolExecutor(threads, "motion_gym", _one_thread)
     list(pool.map(abs, range(threads)))
+    # The setting of a thread is also that of threads which have not used torch yet.
+    torch.set_num_threads(threads)
     return pool
+
+
+def _one_thread() -> None:
+    torch.get_num_threads()  # or the first use of torch in this thread would undo the setting
+    torch.set_num_threads(1)
 
 
 @kernel

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
-from motion_gym.windows import check_sigma, relative_to_scene
+from motion_gym.predictors.sigma import check_sigma, relative_to_scene
 
 
 class Linear:

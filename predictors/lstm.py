@@ -14,6 +14,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from motion_gym.predictors import kernels
 
@@ -178,6 +179,7 @@ class Unrolled(torch.autograd.Function):
         return hidden
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, d_hidden: Tensor) -> tuple[Tensor | None, None, None, Tensor]:  # type: ignore[override]
         """Gradients of the inputs, if needed, and of the weights."""
         weight = ctx.weight.detach()
@@ -228,6 +230,7 @@ class RolledOut(torch.autograd.Function):
         return outputs
 
     @staticmethod
+    @once_differentiable
     def backward(  # type: ignore[override]
         ctx: Any, d_outputs: Tensor
     ) -> tuple[Tensor, None, Tensor, Tensor, Tensor, None, None]:

@@ -63,8 +63,13 @@ class Objective(Protocol):
         """Whether a step needs several environments at once."""
         ...
 
+    @property
+    def compares(self) -> bool:
+        """Whether it means nothing with one environment alone."""
+        ...
+
     def start(self, environments: int, models: int, device: torch.device) -> Tensor:
-        """State before training; an empty tensor if there is none."""
+        """State at the beginning of a stage; an empty tensor if there is none."""
         ...
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
@@ -74,6 +79,7 @@ class Objective(Protocol):
 
 class _Stateless:
     joint = False
+    compares = True
 
     def start(self, environments: int, models: int, device: torch.device) -> Tensor:
         """No state."""
@@ -82,6 +88,8 @@ class _Stateless:
 
 class Erm(_Stateless):
     """Sum of all risks (the paper's Eq. 1)."""
+
+    compares = False
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
         """Losses [M]."""
@@ -93,8 +101,9 @@ class Irm(_Stateless):
 
     Args:
         penalty: Factor lambda of the penalty, >= 0.
-        unbiased: Take the product of the slopes of the even and of the odd scenes, an unbiased estimate of the squared
-            slope, instead of the square of their sum.
+        unbiased: Take four times the product of the slopes of the even and of the odd scenes instead of the square of
+            their sum. If the scenes are independent, as in shuffled steps, its mean is the square of the mean slope.
+            (The released program takes the product alone: its lambda is four times ours.)
     """
 
     def __init__(self, penalty: float, unbiased: bool = False):
@@ -131,10 +140,11 @@ class GroupDro:
     """Mean risks weighted by how bad they are (Sagawa et al., ICLR 2020): the worst environment comes to count most.
 
     Args:
-        rate: Step of the weights, > 0: each is multiplied by exp(rate * mean risk) and they are made to sum to 1.
+        rate: Step of the weights, >= 0: each is multiplied by exp(rate * mean risk) and they are made to sum to 1.
     """
 
     joint = True
+    compares = True
 
     def __init__(self, rate: float):
         self.rate = _number("rate", rate)

@@ -17,13 +17,15 @@ from motion_gym.predictors import objectives
 from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.objectives import Objective
 from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
-from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, Weights, shapes, stage3
+from motion_gym.predictors.sigma import check_sigma, relative_to_scene
+from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, Weights, check_weights, stage3
+from motion_gym.predictors.stgat_released import import_released
 from motion_gym.predictors.stgat_training import Schedule, StgatProgram
-from motion_gym.results import versions
+from motion_gym.results import commit, versions
 from motion_gym.training import Progress, device_named
 from motion_gym.training import train as train_program
 from motion_gym.weight_files import locate, read, write
-from motion_gym.windows import check_sigma, pick_scenes_of, relative_to_scene
+from motion_gym.windows import pick_scenes_of
 
 DEFAULT_WEIGHTS = "spurious"
 
@@ -62,7 +64,7 @@ class Stgat:
         self.stacked: Weights = {}
         self.card: dict[str, Any] = {}
         if weights is not None:
-            self.load(locate(str(weights), self.row))
+            self.load(locate(str(weights), self.name))
 
     @property
     def objective(self) -> Objective:
@@ -78,17 +80,18 @@ class Stgat:
         return format_spec(self.kind, {**changed, **whole})
 
     @property
-    def row(self) -> str:
-        """The name, as files of weights are called."""
-        return self.name.replace(":", "-")
-
-    @property
     def fingerprint(self) -> str:
         """sha256 of the weights, so that a result tells which they were."""
         digest = hashlib.sha256()
         for name, value in sorted(self._ready().items()):
             digest.update(name.encode() + value.numpy().tobytes())
         return digest.hexdigest()
+
+    @property
+    def trained_on(self) -> tuple[str, ...]:
+        """Names of the domains whose windows the weights were trained on."""
+        self._ready()
+        return tuple(self.card.get("trained_on", ()))
 
     @property
     def selection(self) -> str:
@@ -112,6 +115,7 @@ class Stgat:
         joint: bool = False,
         shortest: bool = False,
         agents: int | None = None,
+        names: Sequence[str] = (),
         device: str = "cpu",
         checkpoint: Path | None = None,
         resume: bool = False,
@@ -129,6 +133,7 @@ class Stgat:
             joint: Let every step hold scenes of each environment; see ``Schedule``.
             shortest: Let the smallest environment end an epoch of joint steps; see ``Schedule``.
             agents: Most agents of a step that is not joint; see ``Schedule``.
+            names: Names of the domains of ``train``, for the card.
             device: ``cpu`` or ``cuda``.
             checkpoint: File of the checkpoints; None for none.
             resume: Go on from the checkpoint if there is one; the last stage may have become longer.
@@ -146,6 +151,8 @@ class Stgat:
         seeds = [whole_number("seed", s, 0, 2**31) for s in ([seed] if isinstance(seed, int) else seed)]
         if not seeds:
             raise SpecError("`seed` names no seed: give one, or several, to train.")
+        if self.seed is not None and self.seed not in seeds:
+            raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
         objective = self.objective
         program = StgatProgram(
             train,
@@ -164,13 +171,16 @@ class Stgat:
         card = {
             "predictor": self.name,
             "seeds": seeds,
-            "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources",
+            "trained_on": list(names),
+            "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
+            + program.summary(),
             "validation_ade": [round(score, 4) for score in made.score],
             "epoch": made.epoch,
             "training": {**program.config, "epochs": list(epochs)},
             "seconds": round(made.seconds, 1),
             "device": device,
-            "versions": versions("motion-gym", "numpy", "torch"),
+            "commit": commit(),
+            "versions": versions(),
             "precision": "trained in single, kept in half precision",
             "curve": made.curve,
         }
@@ -214,7 +224,7 @@ class Stgat:
     def _ready(self) -> Weights:
         """The weights of the seed; those shipped, if none were given."""
         if self.tensors is None:
-            self.load(locate(DEFAULT_WEIGHTS, self.row))
+            self.load(locate(DEFAULT_WEIGHTS, self.name))
         return cast(Weights, self.tensors)
 
     def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:
@@ -390,82 +400,3 @@ def displacements(observation: Observation, features: int, relative: bool = Fals
     if features == 3:
         steps[:, :, 2] = relative_to_scene(observation) if relative else observation.history[:, :, 2]
     return np.ascontiguousarray(steps.transpose(1, 0, 2))
-
-
-def check_weights(tensors: Weights, features: int, source: str) -> None:
-    """Raise PredictorError unless these are finite weights of this network, for inputs of ``features`` values."""
-    expected = shapes(features)
-    found = {key: tuple(value.shape[1:]) for key, value in tensors.items()}
-    if found.keys() != expected.keys():
-        lacking, unknown = sorted(expected.keys() - found.keys()), sorted(found.keys() - expected.keys())
-        raise PredictorError(
-            f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
-            f"{unknown or 'nothing'} besides."
-        )
-    for key, shape in expected.items():
-        if found[key] != shape:
-            with_sigma = " It was trained " + ("without" if features == 3 else "with") + " sigma."
-            hint = with_sigma if key == "trajectory.input" else ""
-            raise PredictorError(f"{source}: {key} has shape {found[key]}, expected {shape}.{hint}")
-        if not torch.isfinite(tensors[key]).all():
-            raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")
-
-
-LSTMS = {"traj_lstm_model": "trajectory", "graph_lstm_model": "graph", "pred_lstm_model": "decoder"}
-HEADS = {"traj_hidden2pos": "stage1", "traj_gat_hidden2pos": "stage2", "pred_hidden2pos": "stage3"}
-
-
-def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
-    """Read a weight file of the paper's released program.
-
-    Args:
-        path: A ``.pth.tar`` with a ``state_dict``.
-
-    Returns:
-        Weights of one model (M = 1), and a card.
-
-    Raises:
-        PredictorError: the file is missing or damaged, holds anything but tensors and plain values (it is then not
-            opened), or is of another model.
-    """
-    try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
-    except FileNotFoundError:
-        raise PredictorError(f"There is no file {path}.") from None
-    except Exception as error:
-        raise PredictorError(
-            f"{path} was refused: it is damaged, or holds something besides tensors and plain values, which could run "
-            f"code when opened. ({str(error).splitlines()[0]})"
-        ) from None
-    state = content.get("state_dict") if isinstance(content, dict) else None
-    if not isinstance(state, dict):
-        raise PredictorError(f"{path} has no `state_dict`: it is no weight file of the released program.")
-    tensors: Weights = {}
-    for key, value in state.items():
-        name, axes = _released_name(key)
-        value = value.float()
-        tensors[name] = (value.T if axes == "transposed" else value[..., 0] if axes == "squeezed" else value)[None]
-    tensors = {key: value.contiguous() for key, value in tensors.items()}
-    card = {
-        "source": f"released program of the paper, {Path(path).name}",
-        "epoch": content.get("epoch"),
-        "best_ade": float(content["best_ade"]) if "best_ade" in content else None,
-        "selection": "published weights; best ADE on the source validation split, as the released program selects",
-    }
-    return tensors, card
-
-
-def _released_name(key: str) -> tuple[str, str]:
-    """Our name of a tensor of the released program, and what to do with its axes."""
-    module, _, kind = key.rpartition(".")
-    if module in LSTMS:
-        part, side = kind.split("_")
-        end = "input" if side == "ih" else "hidden"
-        return f"{LSTMS[module]}.{'bias_' * (part == 'bias')}{end}", "transposed" if part == "weight" else ""
-    if module in HEADS:
-        return f"{HEADS[module]}.{kind}", "transposed" if kind == "weight" else ""
-    if module.startswith("gatencoder.gat_net.layer_stack."):
-        layer = int(module.rsplit(".", 1)[1]) + 1
-        name = {"a_src": "source", "a_dst": "target"}.get(kind, kind)
-        return f"attention{layer}.{name}", "squeezed" if kind.startswith("a_") else ""
-    return key, ""

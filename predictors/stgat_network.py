@@ -1,6 +1,6 @@
 """The network of STGAT as the paper's released program has it, for several models at once.
 
-Weights are a dict of tensors with a leading axis M; ``names`` gives their shapes. All that is random (the initial
+Weights are a dict of tensors with a leading axis M; ``shapes`` gives their shapes. All that is random (the initial
 states of the encoders, the noise of the decoder) is an argument, so that the network itself is a pure function.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from motion_gym.contract import FUTURE
+from motion_gym.contract import FUTURE, PredictorError
 from motion_gym.predictors.graph_attention import Layout, graph_attention
 from motion_gym.predictors.lstm import joined_weights, rolled_out, unrolled
 
@@ -76,10 +76,30 @@ def shapes(features: int) -> dict[str, tuple[int, ...]]:
     return found
 
 
+def check_weights(tensors: Weights, features: int, source: str) -> None:
+    """Raise PredictorError unless these are finite weights of this network, for inputs of ``features`` values."""
+    expected = shapes(features)
+    found = {key: tuple(value.shape[1:]) for key, value in tensors.items()}
+    if found.keys() != expected.keys():
+        lacking, unknown = sorted(expected.keys() - found.keys()), sorted(found.keys() - expected.keys())
+        raise PredictorError(
+            f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
+            f"{unknown or 'nothing'} besides."
+        )
+    for key, shape in expected.items():
+        if found[key] != shape:
+            with_sigma = " It was trained " + ("without" if features == 3 else "with") + " sigma."
+            hint = with_sigma if key == "trajectory.input" else ""
+            raise PredictorError(f"{source}: {key} has shape {found[key]}, expected {shape}.{hint}")
+        if not torch.isfinite(tensors[key]).all():
+            raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")
+
+
 def initial(features: int, seed: int) -> Weights:
     """Weights of one model, M = 1.
 
-    Those of an LSTM or linear layer are drawn from U(-1, 1) / sqrt(units or inputs), of attention by Glorot's rule.
+    Those of an LSTM or linear layer are drawn from U(-1, 1) / sqrt(units or inputs), of attention by Glorot's rule with
+    the gain sqrt(2), all heads counted together, as in the released program.
 
     Args:
         features: Values per observed step: 2, or 3 with sigma.
@@ -96,7 +116,9 @@ def initial(features: int, seed: int) -> Weights:
         elif kind == "bias":
             bound = 0.0
         else:
-            bound = math.sqrt(2) * math.sqrt(6 / (shape[-1] + (shape[-2] if kind == "w" else 1)))
+            # As torch counts what goes in and out of an array of three axes: heads, channels (else 1), F.
+            heads, features = shape[0], shape[-1]
+            bound = math.sqrt(2) * math.sqrt(6 / ((shape[1] + heads) * features if kind == "w" else features + heads))
         weights[name] = (torch.rand(1, *shape, generator=generator) * 2 - 1) * bound
     return weights
 

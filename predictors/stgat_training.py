@@ -136,10 +136,10 @@ class StgatProgram:
             if not sum(truth.observation.scenes for truth in truths):
                 raise PredictorError(f"The {name} set is empty: it needs at least one window.")
         train = [truth for truth in train if truth.observation.scenes]
-        if len(train) < 2 and config.get("objective") not in (None, "Erm"):
+        if len(train) < 2 and objective.compares:
             raise PredictorError(
-                f"The objective {config['objective']} compares environments, and the training set has one alone: give "
-                "at least two, one Truth for each, or train `erm`."
+                f"The objective {type(objective).__name__} compares environments, and the training set has one alone: "
+                "give at least two, one Truth for each, or train `erm`."
             )
         self.train, self.inputs, self.objective, self.device = train, inputs, objective, device
         self.features, self.counterfactual, self.schedule = features, counterfactual, schedule
@@ -163,10 +163,16 @@ class StgatProgram:
             "scenes": schedule.scenes,
             "joint": self.joint,
             "shortest": schedule.shortest,
-            "agents": schedule.agents,
+            "agents": None if self.joint else schedule.agents,
             "train": [digest(t) for t in train],
             "validation": [digest(v) for v in validation],
         }
+
+    def summary(self) -> str:
+        """How long and on how much it is trained, for results."""
+        epochs = "/".join(str(stage.epochs) for stage in self.stages)
+        thinned = max((thin for _, _, thin in self.turns), default=1) if not self.joint else 1
+        return f"trained for {epochs} epochs" + (f", crowds thinned up to {thinned}-fold" if thinned > 1 else "")
 
     def initial(self, seeds: Sequence[int]) -> Weights:
         """First weights of each seed."""
