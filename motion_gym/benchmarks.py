@@ -33,7 +33,8 @@ class Training:
 
     def names(self) -> list[str]:
         """Names of the domains to train on."""
-        return [source.card.name for source in catalog.domain(self.domain).sources(**self.sources)]  # type: ignore[attr-defined]
+        domain: Any = catalog.domain(self.domain)
+        return [source.card.name for source in domain.sources(**self.sources)]
 
     def data(self) -> TrainingSet:
         """Windows to train and to select on, one Truth for each environment."""
@@ -64,8 +65,8 @@ class Part:
             from motion_gym.weight_files import locate, read
         except ModuleNotFoundError as error:
             raise SpecError(
-                f'Trained rows need PyTorch, and {error.name} is not installed: pip install "motion-gym[torch]" (from a '
-                'checkout: pip install ".[torch]").'
+                f"Trained rows need PyTorch, and {error.name} is not installed: "
+                'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'
             ) from None
         specs = list(self.plain)
         for row in self.trained:

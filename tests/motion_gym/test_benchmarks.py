@@ -60,7 +60,7 @@ def test_rows_without_weights_are_named(tmp_path, monkeypatch):
     monkeypatch.setitem(
         BENCHMARKS, "small", (Part("x", {"1": "eth:alpha=1"}, (), ("vrex:penalty=0.123",), "spurious"),)
     )
-    with pytest.raises(PredictorError, match=r"have no `vrex-penalty=0.123`.*motion-gym train vrex:penalty=0.123"):
+    with pytest.raises(PredictorError, match=r"have no `vrex:penalty=0.123`.*motion-gym train vrex:penalty=0.123"):
         benchmarks.run("small", tmp_path)
     assert not list(tmp_path.iterdir())
 

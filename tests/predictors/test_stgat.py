@@ -132,7 +132,7 @@ def test_save_and_load(tmp_path):
 
 def test_without_weights_or_sigma_it_says_so():
     with pytest.raises(
-        PredictorError, match=r"have no `invariant-penalty=0.125`.*Train it: motion-gym train invariant:"
+        PredictorError, match=r"have no `invariant:penalty=0.125`.*Train it: motion-gym train invariant"
     ):
         Invariant(penalty=0.125).predict(observation([2]))
     with pytest.raises(PredictorError, match="is given sigma, and this domain has x and y alone"):
