@@ -453,3 +453,21 @@ def test_what_cannot_be_trained_scored_or_imported_is_said(small_training, line,
     out = f" --out {folder}" if line.startswith(("train", "run")) else ""
     assert message in fail(capsys, line + out).err
     assert not folder.exists()
+
+
+def test_run_writes_runs_tables_and_a_readme(monkeypatch, capsys):
+    parts = [
+        benchmarks.Part(f"On {d}", {d: f"orca:d={d},scenes=20"}, ("constant_velocity", "stand_still"), (), "none")
+        for d in ("0.1", "0.6")
+    ]
+    monkeypatch.setitem(benchmarks.BENCHMARKS, "original", tuple(parts))
+    Path("README.md").write_text("Before\n<!-- results: original -->\n<!-- results end -->\nAfter\n")
+    out = call(capsys, "run original --into README.md")
+    assert "README.md: written" in out and f"Written: {Path('results/original/tables.md')}" in out
+    assert len(list(Path("results/original").glob("*.json"))) == 4
+    table = Path("README.md").read_text()
+    assert "| method | 0.1 | 0.6 | the paper, hotel |" in table and table.startswith("Before\n") and "After" in table
+    tables = Path("results/original/tables.md").read_text()
+    assert "### On 0.1" in tables and table.splitlines()[3] in tables
+    assert "README.md: already up to date" in call(capsys, "run original --into README.md")
+    assert "has no lines `<!-- results: original -->`" in fail(capsys, "run original --into own_things.py").err

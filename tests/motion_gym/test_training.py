@@ -9,6 +9,7 @@ import pytest
 import torch
 
 import motion_gym as mg
+from motion_gym import training
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.domains import training_set
 from motion_gym.predictors import kernels
@@ -70,6 +71,30 @@ def test_a_killed_training_resumes_to_the_same_weights(data, kind, tmp_path):
     assert whole.card["validation_ade"] == resumed.card["validation_ade"]
 
 
+def test_a_finished_training_goes_on_as_if_it_had_never_ended(data, tmp_path):
+    checkpoint = tmp_path / "a.checkpoint"
+    GroupDro().fit(*data, [0, 1], epochs=(1, 1, 2), checkpoint=checkpoint)
+    longer = GroupDro().fit(*data, [0, 1], epochs=(1, 1, 3), checkpoint=checkpoint, resume=True)
+    assert same(longer, GroupDro().fit(*data, [0, 1], epochs=(1, 1, 3)))
+    with pytest.raises(SpecError, match="has 5 epochs, more than the 4 asked for"):
+        GroupDro().fit(*data, [0, 1], epochs=(1, 1, 2), checkpoint=checkpoint, resume=True)
+
+
+def test_an_objective_begins_every_stage_anew(data):
+    made = GroupDro(rate=0.5)
+    program = program_of(data, Schedule((2, 1, 2), joint=True), made)
+    starts = []
+    program.state = lambda models: starts.append(models) or StgatProgram.state(program, models)
+    run = training._Run(program, [0], torch.device("cpu"))
+    states = []
+    for _ in range(5):
+        run.step()
+        states.append(run.state.clone())
+    assert len(starts) == 1 + 3
+    assert all((state - 1 / 3).abs().max() > 1e-3 for state in states)
+    assert len({id(run.state)}) == 1 and torch.allclose(states[0].sum(dim=0), torch.ones(1))
+
+
 def test_a_seed_does_not_depend_on_the_others(data):
     together = Invariant().fit(*data, [3, 4], epochs=EPOCHS)
     alone = Invariant().fit(*data, 4, epochs=EPOCHS)
@@ -103,6 +128,8 @@ def test_saved_seeds_are_found_again(data, tmp_path):
         VRex(path, seed=6, penalty=3)
     with pytest.raises(PredictorError, match="weights of vrex:penalty=3, not of vrex"):
         VRex(path)
+    with pytest.raises(SpecError, match=r"is to use seed 9, and is to be trained with \[0\]"):
+        Erm(seed=9).fit(*data, epochs=EPOCHS)
     with pytest.raises(PredictorError, match="trained with sigma"):
         ErmNoSigma(path)
 
@@ -150,6 +177,13 @@ def test_a_loss_that_is_not_finite_stops_and_keeps_the_checkpoint(data, tmp_path
     content = torch.load(checkpoint, weights_only=True)
     assert content["epoch"] == 2
     assert all(torch.isfinite(value).all() for value in content["weights"].values())
+
+
+def test_a_validation_score_that_is_not_finite_stops(data):
+    broken = [dataclasses.replace(truth, future=truth.future.copy()) for truth in data[1]]
+    broken[0].future[3, 5, 0] = np.nan
+    with pytest.raises(PredictorError, match=r"validation score of seed 0 is nan in epoch 3 \(forecast\)"):
+        Erm().fit(data[0], broken, epochs=EPOCHS)
 
 
 def test_an_empty_training_set_is_refused(data):
@@ -233,7 +267,7 @@ def test_joint_steps_hold_every_environment(data):
     assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
-def program_of(data, schedule):
-    """The program of ERM on a schedule."""
-    made = Erm()
+def program_of(data, schedule, made=None):
+    """The program of a predictor, ERM by default, on a schedule."""
+    made = made or Erm()
     return StgatProgram(*data, 3, made._inputs, made.objective, False, schedule, torch.device("cpu"), {})

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -110,3 +111,13 @@ def test_after_a_fork(threads):
 def test_numba_is_not_imported_before_it_is_needed():
     code = "import sys, motion_gym; print([name for name in ('numba', 'torch') if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_other_threads_keep_their_setting(threads):
+    expected = torch.get_num_threads()
+    kernels.side_by_side(abs, [1, 2, 3])
+    found = []
+    thread = threading.Thread(target=lambda: found.append(torch.get_num_threads()))
+    thread.start()
+    thread.join()
+    assert found == [expected] and torch.get_num_threads() == expected

@@ -9,12 +9,14 @@ import pytest
 import torch
 
 import motion_gym
-from motion_gym import weight_files
+from motion_gym import results, weight_files
 from motion_gym.checks import check_predictor
 from motion_gym.contract import Observation, PredictorError
 from motion_gym.predictors import stgat_network as network
 from motion_gym.predictors.graph_attention import Layout
-from motion_gym.predictors.stgat import Counterfactual, Erm, Invariant, import_released
+from motion_gym.predictors.stgat import Counterfactual, Erm, Invariant
+from motion_gym.predictors.stgat_released import import_released
+from tests.crowd_with_sigma import CrowdWithSigma
 
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "reference"
 PUBLISHED = {"erm": Erm, "counterfactual": Counterfactual, "irm_5.0": Invariant}
@@ -172,6 +174,57 @@ def test_bad_weight_files_are_refused(tmp_path, how, message):
         Erm(weights=path)
     with pytest.raises(PredictorError, match="There is no file"):
         Erm(weights=tmp_path / "none.safetensors")
+
+
+def test_weights_and_card_of_two_trainings_are_refused(tmp_path):
+    for seed in (0, 1):
+        random_model(seed=seed).save(tmp_path / f"{seed}.safetensors")
+    (tmp_path / "0.json").write_bytes((tmp_path / "1.json").read_bytes())
+    with pytest.raises(PredictorError, match="do not belong together"):
+        Erm(weights=tmp_path / "0.safetensors")
+    (tmp_path / "0.json").write_text("[]")
+    with pytest.raises(PredictorError, match="must hold a JSON object"):
+        Erm(weights=tmp_path / "0.safetensors")
+
+
+def test_half_precision_is_used_where_it_loses_nothing(tmp_path):
+    exact, rounded = network.initial(3, 0), {k: v.half().float() for k, v in network.initial(3, 0).items()}
+    sizes = []
+    for name, tensors in (("exact", exact), ("rounded", rounded)):
+        path = tmp_path / f"{name}.safetensors"
+        weight_files.write(path, tensors, {})
+        found, _ = weight_files.read(path)
+        assert all(torch.equal(found[key], tensors[key]) for key in tensors)
+        sizes.append(path.stat().st_size)
+    assert sizes[1] < 0.55 * sizes[0]
+
+
+def test_other_weights_are_another_result(tmp_path):
+    place, path = CrowdWithSigma(scenes=20), tmp_path / "model.safetensors"
+    found = []
+    for seed in (0, 1, 0):
+        random_model(seed=seed).save(path)
+        found.append(results.run(f"erm:weights={path}", place, tmp_path / "results"))
+    assert found[0] == found[2] != found[1]
+    assert len(list((tmp_path / "results").glob("*.json"))) == 2
+
+
+def test_scores_on_windows_of_the_training_are_labelled(eth_ucy):
+    made = random_model()
+    made.use(made.stacked, {"trained_on": ["hotel", "univ"]})
+    assert any("trained on windows of hotel" in leak for leak in motion_gym.evaluate(made, "hotel:alpha=8").leaks)
+    assert not any("trained on" in leak for leak in motion_gym.evaluate(made, "eth:alpha=8").leaks)
+
+
+def test_first_weights_are_drawn_as_in_the_released_program():
+    # By torch's own rule, for arrays of the same shape.
+    for name, shape in network.shapes(3).items():
+        if not name.startswith("attention") or name.endswith("bias"):
+            continue
+        shape = shape if name.endswith("w") else (*shape, 1)
+        expected = torch.nn.init.xavier_uniform_(torch.empty(2000, *shape)[0], gain=1.414).abs().max()
+        found = torch.cat([network.initial(3, seed)[name] for seed in range(20)]).abs().max()
+        assert found.item() == pytest.approx(expected.item(), rel=0.1), name
 
 
 class Surprise:
