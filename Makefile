@@ -34,11 +34,13 @@ check: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/python -m pytest --doctest-modules motion_gym envs predictors -p no:cacheprovider
 	cd $(ROOT) && $(BIN)/python .ci/check_wheel.py
 
-# The table of the README, from scratch.
-results: $(VENV)/.installed
-	rm -rf $(ROOT)results/baselines
+# The tables and figures of the README, from scratch.
+results: $(VENV)/.ready
+	rm -rf $(ROOT)results
 	cd $(ROOT) && $(BIN)/motion-gym demo --out results/baselines && \
-	  $(BIN)/motion-gym table results/baselines --into README.md
+	  $(BIN)/motion-gym table results/baselines --into README.md && \
+	  $(BIN)/motion-gym run spurious --into README.md && \
+	  $(BIN)/motion-gym run original --into README.md
 
 # Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.
 bench: $(VENV)/.ready

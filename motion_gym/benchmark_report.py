@@ -1,19 +1,18 @@
-"""What a benchmark leaves besides its runs: tables and figures, made from the results alone."""
+"""What a benchmark leaves besides its runs: tables and figures.
+
+The tables are made from the results. The choice on the sources and the figure of one scene are made anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from motion_gym import catalog, figures, seed_tables, source_selection
-from motion_gym.benchmarks import SAMPLES, Part
+from motion_gym.benchmarks import PLAIN, SAMPLES, Found, Part
 from motion_gym.contract import Domain
 from motion_gym.storage import write_atomic
 
-Found = Sequence[tuple[Part, Sequence[Mapping[str, Any]]]]
-
-DRAWN = ("erm_no_sigma", "erm", "counterfactual", "invariant", "linear:sigma=relative")
+DRAWN = ("erm_no_sigma", "erm", "counterfactual", "linear:sigma=relative")
 """Predictors of the figure of one scene."""
 
 
@@ -24,7 +23,7 @@ def write(name: str, found: Found, folder: Path) -> list[Path]:
     if name == "spurious":
         part, results = found[0]
         texts.insert(1, seed_tables.against_published(part, results))
-        chosen = source_selection.left_out(("linear:sigma=true", "linear:sigma=relative"), _first_domain(part))
+        chosen = source_selection.left_out(PLAIN[2:], _first_domain(part))
         texts.insert(2, source_selection.markdown(chosen))
         for metric, file in (("ADE", "ade.svg"), (f"JADE_{SAMPLES}", f"jade_{SAMPLES}.svg")):
             figures.error_over_alpha(part, results, metric, folder / file)

@@ -45,9 +45,6 @@ PREDICTORS = {
     "erm": Entry("motion_gym.predictors.stgat:Erm", "STGAT, the plain sum of all errors (given sigma)"),
     "erm_no_sigma": Entry("motion_gym.predictors.stgat:ErmNoSigma", "STGAT, never given sigma"),
     "counterfactual": Entry("motion_gym.predictors.stgat:Counterfactual", "STGAT with the counterfactual decoder"),
-    "invariant": Entry("motion_gym.predictors.stgat:Invariant", "STGAT with the paper's invariance penalty (IRMv1)"),
-    "vrex": Entry("motion_gym.predictors.stgat:VRex", "STGAT, variance of the environments' risks penalised"),
-    "group_dro": Entry("motion_gym.predictors.stgat:GroupDro", "STGAT trained for its worst environment"),
     "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),
 }
 

@@ -197,6 +197,8 @@ class Predictor(Protocol):
         ``reset()``: forget everything observed since construction; called at the start of every stream and domain.
         ``fit(train, validation, seed)``: learn from two sequences of Truth, one per environment; returns self.
         ``save(path)`` and ``load(path)``: weights on disk.
+        ``fit`` with ``checkpoint``, ``resume``, ``every``, ``report``, ``device`` and ``names`` as that of
+        ``predictors/stgat_predictor.py``: can be trained by ``motion-gym train``; has ``name``, and a ``card`` then.
         ``know(domain)``: oracles only; receives the domain itself. Whoever has it is labelled *oracle* everywhere.
 
     Optional attributes: ``fitted`` (bool), for those with ``fit``; ``selection`` (str), how the weights were selected,

@@ -31,10 +31,10 @@ def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise PredictorError(f"There is no file {path}.") from None
-    except Exception as error:
+    except Exception as error:  # of the library's own types; its text tells how to open the file unsafely
         raise PredictorError(
             f"{path} was refused: it is damaged, or holds something besides tensors and plain values, which could run "
-            f"code when opened. ({str(error).splitlines()[0]})"
+            f"code when opened ({type(error).__name__})."
         ) from None
     state = content.get("state_dict") if isinstance(content, dict) else None
     if not isinstance(state, dict):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from motion_gym import report, results
+from motion_gym import benchmark_report, benchmarks, report, results, seed_tables
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text()
@@ -22,6 +22,15 @@ def block(heading, language):
 def test_table_is_made_from_the_result_files():
     shown = README.split("<!-- results: baselines -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
     assert shown == report.markdown(results.read_folder(ROOT / "results" / "baselines"))
+
+
+@pytest.mark.parametrize("name", benchmarks.BENCHMARKS)
+def test_tables_of_benchmarks_are_made_from_the_result_files(name):
+    found = benchmarks.read(name, ROOT / "results" / name)
+    shown = README.split(f"<!-- results: {name} -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
+    assert shown == benchmark_report.short(name, found)
+    tables = (ROOT / "results" / name / "tables.md").read_text()
+    assert all(seed_tables.markdown(part, results) in tables for part, results in found)
 
 
 def test_ten_lines_run_and_beat_constant_velocity():

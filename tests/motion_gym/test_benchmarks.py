@@ -6,9 +6,12 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from motion_gym import benchmark_report, benchmarks, catalog, seed_tables, source_selection
+from motion_gym import benchmark_report, benchmarks, catalog, seed_tables, source_selection, weight_files
 from motion_gym.benchmarks import BENCHMARKS, Part
 from motion_gym.contract import DataError, PredictorError, SpecError
+from motion_gym.metrics import score
+from motion_gym.predictors.stand_still import StandStill
+from motion_gym.predictors.stgat_training import digest
 
 PART = Part(
     "A small part",
@@ -58,9 +61,11 @@ def test_unknown_names_are_refused(tmp_path):
 
 def test_rows_without_weights_are_named(tmp_path, monkeypatch):
     monkeypatch.setitem(
-        BENCHMARKS, "small", (Part("x", {"1": "eth:alpha=1"}, (), ("vrex:penalty=0.123",), "spurious"),)
+        BENCHMARKS, "small", (Part("x", {"1": "eth:alpha=1"}, (), ("counterfactual:sigma=relative",), "spurious"),)
     )
-    with pytest.raises(PredictorError, match=r"have no `vrex:penalty=0.123`.*motion-gym train vrex:penalty=0.123"):
+    with pytest.raises(
+        PredictorError, match=r"have no `counterfactual:sigma=relative`.*motion-gym train counterfactual:s"
+    ):
         benchmarks.run("small", tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -126,3 +131,16 @@ def test_relative_sigma_is_chosen_on_the_sources_alone(eth_ucy):
     assert means["linear:sigma=true"] == pytest.approx(0.512, abs=0.002)
     assert len(found["linear:sigma=true"]) == 5
     assert "| `linear:sigma=relative` |" in source_selection.markdown(found).split("chosen |")[0].splitlines()[-1]
+
+
+@pytest.mark.parametrize("path", sorted(weight_files.SHIPPED.rglob("*.safetensors")), ids=lambda path: path.stem)
+def test_shipped_weights_forecast_better_than_standing_still(path, eth_ucy):
+    _, card = weight_files.read(path)
+    assert card["seeds"] == [0, 1, 2, 3, 4] and "validation windows of the sources" in card["selection"]
+    plan = benchmarks.training(path.parent.relative_to(weight_files.SHIPPED).as_posix())
+    train, validation = plan.data()
+    # What they were trained and selected on is the data that is here.
+    assert card["training"]["train"] == [digest(truth) for truth in train]
+    assert card["training"]["validation"] == [digest(truth) for truth in validation]
+    still = [score(StandStill().predict(truth.observation), truth)["ADE"] for truth in validation]
+    assert max(card["validation_ade"]) < 0.5 * np.concatenate(still).mean()

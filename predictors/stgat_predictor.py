@@ -1,0 +1,287 @@
+"""What all predictors of the STGAT family share: forecasting, training, weights."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+import torch
+
+from motion_gym.catalog import format_spec, whole_number
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.predictors import objectives
+from motion_gym.predictors.graph_attention import Layout
+from motion_gym.predictors.objectives import Objective
+from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.sigma import check_sigma, relative_to_scene
+from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, Weights, check_weights, stage3
+from motion_gym.predictors.stgat_released import import_released
+from motion_gym.predictors.stgat_training import Schedule, StgatProgram
+from motion_gym.results import commit, versions
+from motion_gym.training import Progress, device_named
+from motion_gym.training import train as train_program
+from motion_gym.weight_files import locate, read, write
+from motion_gym.windows import pick_scenes_of
+
+DEFAULT_WEIGHTS = "spurious"
+
+SCENES_AT_ONCE = 256
+"""Scenes times samples of one forward pass, so that memory does not grow with the test set."""
+
+
+class Stgat:
+    """Spatio-temporal graph attention (Huang et al., ICCV 2019), with the sizes of the paper's released program.
+
+    Reads the displacements of the 8 observed steps, rounded to 4 decimals (the first is 0), and sigma as a third value.
+    Stochastic: initial states and decoder noise are drawn from N(0, 1), the noise once per scene, so that sample k of
+    a scene is one joint forecast. The draws of a scene depend on the seed and the scene alone, not on the batch.
+
+    Args:
+        weights: Name of shipped weights (``spurious``) or a ``.safetensors`` file; by default the shipped ones, if
+            there are some for these settings.
+        seed: Which of the seeds that the weights hold; by default the first.
+        sigma: True: sigma as it is. ``"relative"``: divided by its mean over the scene, so that its scale is of no
+            account. False: never given to the network.
+    """
+
+    kind: ClassVar[str] = "stgat"
+    counterfactual: ClassVar[bool] = False
+    settings: ClassVar[tuple[str, ...]] = ("sigma",)
+    """Arguments that make another row of a table, and another file of weights."""
+    fitted = True
+    """Training takes long and is never done on the side: ``predict`` says so where weights are missing."""
+
+    def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = True):
+        check_sigma(sigma, self.kind)
+        self.sigma = sigma
+        self.weights = None if weights is None else str(weights)
+        self.seed = None if seed is None else whole_number("seed", seed, 0, 2**31)
+        self.tensors: Weights | None = None
+        self.stacked: Weights = {}
+        self.card: dict[str, Any] = {}
+        if weights is not None:
+            self.load(locate(str(weights), self.name))
+
+    @property
+    def objective(self) -> Objective:
+        """What ``fit`` minimises."""
+        return objectives.Erm()
+
+    @property
+    def name(self) -> str:
+        """The predictor with those settings that are not at their defaults."""
+        defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
+        changed = {k: getattr(self, k) for k in self.settings if getattr(self, k) != defaults[k]}
+        whole = {k: int(v) for k, v in changed.items() if isinstance(v, float) and v.is_integer()}
+        return format_spec(self.kind, {**changed, **whole})
+
+    @property
+    def fingerprint(self) -> str:
+        """sha256 of the weights, so that a result tells which they were."""
+        digest = hashlib.sha256()
+        for name, value in sorted(self._ready().items()):
+            digest.update(name.encode() + value.numpy().tobytes())
+        return digest.hexdigest()
+
+    @property
+    def trained_on(self) -> tuple[str, ...]:
+        """Names of the domains whose windows the weights were trained on."""
+        self._ready()
+        return tuple(self.card.get("trained_on", ()))
+
+    @property
+    def selection(self) -> str:
+        """How the weights were selected, as their card says."""
+        self._ready()
+        return str(self.card.get("selection", "not stated by the weights"))
+
+    @property
+    def features(self) -> int:
+        """Values per observed step."""
+        return 2 if self.sigma is False else 3
+
+    def fit(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        seed: int | Sequence[int] = 0,
+        *,
+        epochs: Sequence[int] = (150, 100, 150),
+        scenes: int = 64,
+        joint: bool = False,
+        shortest: bool = False,
+        agents: int | None = None,
+        names: Sequence[str] = (),
+        device: str = "cpu",
+        checkpoint: Path | None = None,
+        resume: bool = False,
+        every: int = 10,
+        report: Callable[[Progress], None] = lambda progress: None,
+    ) -> Stgat:
+        """Train, all seeds in one pass.
+
+        Args:
+            train: Windows of each environment.
+            validation: Windows that weights are selected on, of the same environments.
+            seed: Seed, or several.
+            epochs: Of the three stages.
+            scenes: Scenes of a step.
+            joint: Let every step hold scenes of each environment; see ``Schedule``.
+            shortest: Let the smallest environment end an epoch of joint steps; see ``Schedule``.
+            agents: Most agents of a step that is not joint; see ``Schedule``.
+            names: Names of the domains of ``train``, for the card.
+            device: ``cpu`` or ``cuda``.
+            checkpoint: File of the checkpoints; None for none.
+            resume: Go on from the checkpoint if there is one; the last stage may have become longer.
+            every: Epochs from one checkpoint to the next.
+            report: Called after each epoch.
+
+        Returns:
+            Itself, with the weights of the best epoch of each seed.
+
+        Raises:
+            PredictorError: nothing to train on, one environment for an objective that compares several, an observation
+                without sigma, or a loss that is not finite.
+            SpecError: the device is not there, or the checkpoint is of another configuration.
+        """
+        seeds = [whole_number("seed", s, 0, 2**31) for s in ([seed] if isinstance(seed, int) else seed)]
+        if not seeds:
+            raise SpecError("`seed` names no seed: give one, or several, to train.")
+        if self.seed is not None and self.seed not in seeds:
+            raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
+        objective = self.objective
+        program = StgatProgram(
+            train,
+            validation,
+            self.features,
+            self._inputs,
+            objective,
+            self.counterfactual,
+            Schedule(tuple(epochs), scenes, joint, shortest, agents),  # type: ignore[arg-type]
+            device_named(device),
+            {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
+        )
+        made = train_program(
+            program, seeds, device=device, checkpoint=checkpoint, resume=resume, every=every, report=report
+        )
+        card = {
+            "predictor": self.name,
+            "seeds": seeds,
+            "trained_on": list(names),
+            "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
+            + program.summary(),
+            "validation_ade": [round(score, 4) for score in made.score],
+            "epoch": made.epoch,
+            "training": {**program.config, "epochs": list(epochs)},
+            "seconds": round(made.seconds, 1),
+            "device": device,
+            "commit": commit(),
+            "versions": versions(),
+            "precision": "trained in single, kept in half precision",
+            "curve": made.curve,
+        }
+        self.use({name: value.half().float() for name, value in made.weights.items()}, card)
+        return self
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, K, 12, 2], metres.
+
+        Raises:
+            PredictorError: there are no weights, or the observation has no sigma.
+        """
+        weights = {key: value.expand(samples, *value.shape[1:]) for key, value in self._ready().items()}
+        parts = [np.zeros((0, samples, FUTURE, 2), np.float32)]
+        at_once = max(SCENES_AT_ONCE // samples, 1)
+        with torch.no_grad():
+            for first in range(0, observation.scenes, at_once):
+                part = pick_scenes_of(observation, slice(first, first + at_once))
+                parts.append(self._positions(part, weights, samples, seed))
+        return Forecast(np.concatenate(parts))
+
+    def _positions(self, observation: Observation, weights: Weights, samples: int, seed: int) -> np.ndarray:
+        layout = Layout.of(observation.scene)
+        keys = scene_keys(observation, samples, seed)
+        own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
+        draws = Draws.of(torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE)), layout)
+        steps = torch.from_numpy(self._inputs(observation))
+        moves = stage3(steps, draws, layout, weights, self.counterfactual)
+        last = torch.from_numpy(observation.xy[:, -1].copy())
+        return (last + moves.cumsum(dim=0)).permute(2, 1, 0, 3).contiguous().numpy()
+
+    def _inputs(self, observation: Observation) -> np.ndarray:
+        """Input of the network [8, A, F]."""
+        if observation.history.shape[2] < self.features:
+            raise PredictorError(
+                f"{self.name} is given sigma, and this domain has x and y alone: use a domain with sigma, as "
+                "eth:alpha=8, or a predictor without, as erm_no_sigma."
+            )
+        return displacements(observation, self.features, relative=self.sigma == "relative")
+
+    def _ready(self) -> Weights:
+        """The weights of the seed; those shipped, if none were given."""
+        if self.tensors is None:
+            self.load(locate(DEFAULT_WEIGHTS, self.name))
+        return cast(Weights, self.tensors)
+
+    def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:
+        """Take weights [M, ...] of M seeds, and their card.
+
+        Raises:
+            PredictorError: they are of another model, not finite, or lack the seed.
+        """
+        check_weights(tensors, self.features, source)
+        models = len(next(iter(tensors.values())))
+        seeds = card.get("seeds", [None] * models)
+        if len(seeds) != models or (self.seed is not None and self.seed not in seeds):
+            raise PredictorError(f"{source} of {self.name} hold no seed {self.seed}: {seeds} of {models} are there.")
+        index = 0 if self.seed is None else seeds.index(self.seed)
+        self.stacked, self.card = tensors, card
+        self.tensors = {name: value[index : index + 1].contiguous() for name, value in tensors.items()}
+
+    def from_released(self, path: str | Path) -> Stgat:
+        """Take the weights of the paper's released program; see ``import_released``. Returns itself."""
+        self.use(*import_released(path), str(path))
+        return self
+
+    def save(self, path: str | Path) -> None:
+        """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
+
+        Raises:
+            PredictorError: there are no weights.
+            StorageError: a file could not be written; neither is then half written.
+        """
+        self._ready()
+        write(Path(path), self.stacked, {**self.card, "predictor": self.name, "features": self.features})
+
+    def load(self, path: str | Path) -> None:
+        """Read what ``save`` wrote.
+
+        Raises:
+            PredictorError: the file is missing, damaged, or has the weights of another model.
+        """
+        tensors, card = read(Path(path))
+        written = card.get("predictor", self.name)
+        check_weights(tensors, self.features, str(path))
+        if written != self.name:
+            raise PredictorError(f"{path} has the weights of {written}, not of {self.name}: name that predictor.")
+        self.use(tensors, card, str(path))
+
+
+def displacements(observation: Observation, features: int, relative: bool = False) -> np.ndarray:
+    """Input of the network: [8, A, F] float32, displacements in metres (0 at the first step), then sigma.
+
+    Args:
+        observation: What is seen.
+        features: 2, or 3 with sigma.
+        relative: Divide sigma by its mean over the agents and steps of the scene.
+    """
+    xy = observation.xy.astype(np.float64)
+    steps = np.zeros((len(xy), HISTORY, features), np.float32)
+    steps[:, 1:, :2] = np.round(np.diff(xy, axis=1), 4)
+    if features == 3:
+        steps[:, :, 2] = relative_to_scene(observation) if relative else observation.history[:, :, 2]
+    return np.ascontiguousarray(steps.transpose(1, 0, 2))
