@@ -8,7 +8,6 @@ from motion_gym.envs.orca import Orca
 class CrowdWithSigma(Orca):
     """ORCA with a noise feature made from the change of velocity, as ``sigma="past"`` of ETH-UCY."""
 
-    name = "crowd_with_sigma"
     feature_names = ("sigma",)
 
     def features(self, history):

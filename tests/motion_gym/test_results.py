@@ -45,7 +45,7 @@ def test_file_has_everything_that_lasts(tmp_path):
     domain = kept["domain"]
     assert domain["parameters"] == {**CROWD.parameters}
     assert domain["counts"]["test"]["scenes"] == CROWD.windows("test").observation.scenes
-    assert set(kept["versions"]) == {"python", "motion-gym", "numpy", "gymnasium", "pettingzoo"}
+    assert set(kept["versions"]) == {"python", "motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba"}
     assert kept["commit"] == commit()
     assert kept["seconds"] > 0 and kept["peak_memory"] > 10e6
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00", kept["finished"])
