@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.markdown import Markdown
 from rich.markup import escape
 
 from motion_gym import benchmarks, catalog, report
-from motion_gym.cli_output import console, progress_bar, say
+from motion_gym.cli_output import progress_bar, say
 from motion_gym.contract import SpecError
 
 
@@ -103,7 +102,7 @@ def run(
             lambda done, of, what: progress.update(task, total=of, completed=done, description=escape(what)),
         )
     written = benchmark_report.write(benchmark, found, folder)
-    console.print(Markdown(benchmark_report.short(benchmark, found)))
+    say(benchmark_report.short(benchmark, found))
     if into is not None:
         changed = report.insert(into, benchmark, benchmark_report.short(benchmark, found))
         say(f"{into}: {'written' if changed else 'already up to date'}")

@@ -21,8 +21,8 @@ def mixed(x: np.ndarray) -> np.ndarray:
 
 
 def scene_keys(observation: Observation, samples: int, seed: int) -> np.ndarray:
-    """[K, S] uint64, a key for every sample of every scene."""
-    seen = np.ascontiguousarray(observation.history, np.float32).view(np.uint32).reshape(len(observation), -1)
+    """[K, S] uint64, a key for every sample of every scene, from where its agents were: the same with any sigma."""
+    seen = np.ascontiguousarray(observation.xy, np.float32).view(np.uint32).reshape(len(observation), -1)
     columns = mixed(np.arange(1, seen.shape[1] + 1, dtype=np.uint64) * GOLDEN) | np.uint64(1)
     by_agent = mixed(
         (seen.astype(np.uint64) * columns).sum(axis=1, dtype=np.uint64) + agent_numbers(observation) * GOLDEN
