@@ -96,10 +96,17 @@ def test_an_objective_begins_every_stage_anew(data):
 
 
 def test_a_seed_does_not_depend_on_the_others(data):
-    together = Invariant().fit(*data, [3, 4], epochs=EPOCHS)
-    alone = Invariant().fit(*data, 4, epochs=EPOCHS)
-    assert alone.card["validation_ade"][0] == pytest.approx(together.card["validation_ade"][1], abs=2e-3)
-    assert together.card["validation_ade"][0] != together.card["validation_ade"][1]
+    together = Erm().fit(*data, [3, 4], epochs=(1, 1, 1))
+    alone = Erm().fit(*data, 4, epochs=(1, 1, 1))
+    # Sums of other shapes round otherwise, and training amplifies that.
+    distance = [
+        torch.cat(
+            [(alone.stacked[k][0] - value[model]).abs().flatten() for k, value in together.stacked.items()]
+        ).mean()
+        for model in (0, 1)
+    ]
+    assert distance[1] < 0.02 * distance[0]
+    assert distance[0] > 0.01
 
 
 def test_the_kept_weights_are_those_of_the_best_epoch(data):
