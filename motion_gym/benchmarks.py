@@ -61,6 +61,9 @@ class Part:
 
     def runs(self) -> Iterator[tuple[str, str]]:
         """Predictor and domain of every run."""
+        yield from ((row, domain) for row in self.plain for domain in self.domains.values())
+        if not self.trained:
+            return
         try:
             from motion_gym.weight_files import locate, read
         except ModuleNotFoundError as error:
@@ -68,16 +71,12 @@ class Part:
                 f"Trained rows need PyTorch, and {error.name} is not installed: "
                 'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'
             ) from None
-        specs = list(self.plain)
         for row in self.trained:
             _, card = read(locate(self.weights, row))
             name, parameters = catalog.parse_spec(row)
-            specs += [
-                catalog.format_spec(name, {**parameters, "weights": self.weights, "seed": seed})
-                for seed in card["seeds"]
-            ]
-        for spec in specs:
-            yield from ((spec, domain) for domain in self.domains.values())
+            for seed in card["seeds"]:
+                spec = catalog.format_spec(name, {**parameters, "weights": self.weights, "seed": seed})
+                yield from ((spec, domain) for domain in self.domains.values())
 
 
 def trainings() -> dict[str, Training]:
@@ -174,7 +173,7 @@ def read(name: str, folder: Path) -> Found:
     there = {(r["predictor"], r["identity"]["domain"]): r for r in results.read_folder(folder)}
     found = []
     for part in parts(name):
-        keys = [(predictor, canonical(domain)) for predictor, domain in part.runs()]
+        keys = [(predictor, results.domain_key(catalog.domain(domain))) for predictor, domain in part.runs()]
         missing = [f"{predictor} on {domain}" for predictor, domain in keys if (predictor, domain) not in there]
         if missing:
             raise DataError(f"{folder} has no result of {missing[0]}: motion-gym run {name} --out {folder.parent}")
@@ -187,9 +186,3 @@ def parts(name: str) -> tuple[Part, ...]:
     if name not in BENCHMARKS:
         raise SpecError(f"There is no benchmark `{name}`.{catalog.suggest(name, BENCHMARKS)}")
     return BENCHMARKS[name]
-
-
-def canonical(spec: str) -> str:
-    """A domain with all of its parameters, as results name it."""
-    card = catalog.domain(spec).card
-    return catalog.format_spec(card.name, dict(card.parameters))

@@ -102,9 +102,10 @@ def run(
             lambda done, of, what: progress.update(task, total=of, completed=done, description=escape(what)),
         )
     written = benchmark_report.write(benchmark, found, folder)
-    say(benchmark_report.short(benchmark, found))
+    table = benchmark_report.short(benchmark, found)
+    say(table)
     if into is not None:
-        changed = report.insert(into, benchmark, benchmark_report.short(benchmark, found))
+        changed = report.insert(into, benchmark, table)
         say(f"{into}: {'written' if changed else 'already up to date'}")
     for path in written:
         say(f"Written: {path}")

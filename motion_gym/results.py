@@ -172,6 +172,11 @@ def commit() -> str | None:
         return None
 
 
+def domain_key(domain: Domain) -> str:
+    """A domain with all of its parameters, as results name it."""
+    return catalog.format_spec(domain.card.name, dict(domain.card.parameters))
+
+
 def _identity(
     made: Predictor, predictor: str, domain: Domain, split: str, k: int, protocol: str, seed: int
 ) -> Mapping[str, Any]:
@@ -180,7 +185,7 @@ def _identity(
         "predictor": predictor,
         "predictor_code": _code(made),
         "weights": getattr(made, "fingerprint", None),
-        "domain": catalog.format_spec(card.name, dict(card.parameters)),
+        "domain": domain_key(domain),
         "domain_code": _code(domain),
         "files": {**card.files, **_files(card.parameters)},
         "data": _digest(windows_of_domain(domain, split)),

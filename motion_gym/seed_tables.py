@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog, published
-from motion_gym.benchmarks import SAMPLES, Part, canonical
+from motion_gym.benchmarks import SAMPLES, Part
 from motion_gym.report import number
+from motion_gym.results import domain_key
 
 Result = Mapping[str, Any]
 
@@ -29,7 +30,7 @@ def row_of(result: Result) -> str:
 
 def over_seeds(part: Part, results: Sequence[Result], metric: str) -> dict[tuple[str, str], np.ndarray]:
     """Values of the seeds by row and column."""
-    columns = {canonical(spec): name for name, spec in part.domains.items()}
+    columns = {domain_key(catalog.domain(spec)): name for name, spec in part.domains.items()}
     found: dict[tuple[str, str], list[float]] = {}
     for result in results:
         key = row_of(result), columns[result["identity"]["domain"]]

@@ -234,6 +234,9 @@ class Stgat:
             PredictorError: they are of another model, not finite, or lack the seed.
         """
         check_weights(tensors, self.features, source)
+        written = card.get("predictor", self.name)
+        if written != self.name:
+            raise PredictorError(f"{source} has the weights of {written}, not of {self.name}: name that predictor.")
         models = len(next(iter(tensors.values())))
         seeds = card.get("seeds", [None] * models)
         if len(seeds) != models or (self.seed is not None and self.seed not in seeds):
@@ -263,12 +266,7 @@ class Stgat:
         Raises:
             PredictorError: the file is missing, damaged, or has the weights of another model.
         """
-        tensors, card = read(Path(path))
-        written = card.get("predictor", self.name)
-        check_weights(tensors, self.features, str(path))
-        if written != self.name:
-            raise PredictorError(f"{path} has the weights of {written}, not of {self.name}: name that predictor.")
-        self.use(tensors, card, str(path))
+        self.use(*read(Path(path)), str(path))
 
 
 def displacements(observation: Observation, features: int, relative: bool = False) -> np.ndarray:

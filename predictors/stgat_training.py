@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,9 @@ from motion_gym.predictors.objectives import Objective, risks_of
 from motion_gym.predictors.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
 from motion_gym.training import Stage
 from motion_gym.windows import pick_scenes, stack
+
+Inputs = Callable[[Observation], np.ndarray]
+"""Turns an Observation into the network's input [8, A, F]."""
 
 VALIDATED_AT_ONCE = 256
 """Scenes of one forward pass of validation."""
@@ -46,8 +49,8 @@ class Batch:
     count: Tensor
 
     @classmethod
-    def of(cls, parts: Sequence[Truth], inputs: np.ndarray, device: torch.device, times: float = 1) -> Batch:
-        """Scenes of one environment each, for inputs [8, A, F] of all of them; each counts so many times."""
+    def of(cls, parts: Sequence[Truth], inputs: Inputs, device: torch.device, times: float = 1) -> Batch:
+        """Scenes of one environment each; each counts so many times."""
         truth = stack(parts)
         observation = truth.observation
         path = np.concatenate([observation.xy[:, -1:], truth.future], axis=1).astype(np.float64)
@@ -55,7 +58,7 @@ class Batch:
         sizes = np.diff(observation.scene)
         scenes = [part.observation.scenes for part in parts]
         arrays = (
-            inputs,
+            inputs(observation),
             np.diff(path, axis=1).round(4).transpose(1, 0, 2),
             (truth.known & before).T,
             np.repeat(times / sizes, sizes),
@@ -125,7 +128,7 @@ class StgatProgram:
         train: Sequence[Truth],
         validation: Sequence[Truth],
         features: int,
-        inputs: Any,
+        inputs: Inputs,
         objective: Objective,
         counterfactual: bool,
         schedule: Schedule,
@@ -249,19 +252,19 @@ class StgatProgram:
 
     def _batch(self, parts: Sequence[tuple[int, np.ndarray]], times: float = 1) -> Batch:
         truths = [pick_scenes(self.train[number], scenes) for number, scenes in parts]
-        return Batch.of(truths, self.inputs(stack(truths).observation), self.device, times)
+        return Batch.of(truths, self.inputs, self.device, times)
 
     def _validation(self, truth: Truth) -> list[Batch]:
         found = []
         for first in range(0, truth.observation.scenes, VALIDATED_AT_ONCE):
             part = pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))
-            found.append(Batch.of([part], self.inputs(part.observation), self.device))
+            found.append(Batch.of([part], self.inputs, self.device))
         return found
 
 
 def digest(truth: Truth) -> dict[str, Any]:
     """Counts of a truth, and sha256 of what it holds."""
-    seen: Observation = truth.observation
+    seen = truth.observation
     sha = hashlib.sha256()
     for array in (seen.history, seen.scene, truth.future, truth.known):
         sha.update(np.ascontiguousarray(array).tobytes())
