@@ -12,7 +12,7 @@ from motion_gym.benchmarks import PLAIN, SAMPLES, Found, Part
 from motion_gym.contract import Domain
 from motion_gym.storage import write_atomic
 
-DRAWN = ("erm_no_sigma", "erm", "counterfactual", "linear:sigma=relative")
+DRAWN = ("erm_no_sigma", "erm", "counterfactual", "invariant", "vrex", "group_dro", "erm:sigma=relative")
 """Predictors of the figure of one scene."""
 
 

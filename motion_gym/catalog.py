@@ -45,6 +45,9 @@ PREDICTORS = {
     "erm": Entry("motion_gym.predictors.stgat:Erm", "STGAT, the plain sum of all errors (given sigma)"),
     "erm_no_sigma": Entry("motion_gym.predictors.stgat:ErmNoSigma", "STGAT, never given sigma"),
     "counterfactual": Entry("motion_gym.predictors.stgat:Counterfactual", "STGAT with the counterfactual decoder"),
+    "invariant": Entry("motion_gym.predictors.stgat:Invariant", "STGAT, a penalty on each environment's slope (IRMv1)"),
+    "vrex": Entry("motion_gym.predictors.stgat:VRex", "STGAT, a penalty on how much risks differ (V-REx)"),
+    "group_dro": Entry("motion_gym.predictors.stgat:GroupDro", "STGAT, for its worst environment (group DRO)"),
     "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),
 }
 

@@ -69,6 +69,7 @@ def _pool(process: int, threads: int) -> ThreadPoolExecutor:
 def _one_thread() -> None:
     torch.get_num_threads()  # or the first use of torch in this thread would undo the setting
     torch.set_num_threads(1)
+    torch.set_flush_denormal(True)  # as the training does in its own thread
 
 
 @kernel

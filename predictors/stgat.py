@@ -52,6 +52,9 @@ class Counterfactual(Stgat):
 class Invariant(Stgat):
     """STGAT trained with a penalty on the gradient of each environment's risk (the paper's Eq. 3, IRMv1).
 
+    Train it with ``joint`` steps. The gradient, by a factor on the forecasts, is zero too for forecasts of no motion,
+    and in steps of one environment, where the penalty changes most from step to step, training ended there.
+
     Args:
         weights: Name of shipped weights, or a ``.safetensors`` file.
         seed: Which of the seeds that the weights hold; by default the first.

@@ -114,7 +114,6 @@ class Stgat:
         scenes: int = 64,
         joint: bool = False,
         shortest: bool = False,
-        agents: int | None = None,
         names: Sequence[str] = (),
         device: str = "cpu",
         checkpoint: Path | None = None,
@@ -132,7 +131,6 @@ class Stgat:
             scenes: Scenes of a step.
             joint: Let every step hold scenes of each environment; see ``Schedule``.
             shortest: Let the smallest environment end an epoch of joint steps; see ``Schedule``.
-            agents: Most agents of a step that is not joint; see ``Schedule``.
             names: Names of the domains of ``train``, for the card.
             device: ``cpu`` or ``cuda``.
             checkpoint: File of the checkpoints; None for none.
@@ -161,7 +159,7 @@ class Stgat:
             self._inputs,
             objective,
             self.counterfactual,
-            Schedule(tuple(epochs), scenes, joint, shortest, agents),  # type: ignore[arg-type]
+            Schedule(tuple(epochs), scenes, joint, shortest),  # type: ignore[arg-type]
             device_named(device),
             {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
         )

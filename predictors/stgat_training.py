@@ -35,7 +35,7 @@ class Batch:
         moves: [12, A, 2] true displacements of the future.
         known: [12, A] float32, 1 where the displacement is known.
         layout: The scenes.
-        share: [A] 1 / agents of the scene, times how often the scene counts.
+        share: [A] 1 / agents of the scene.
         environment: [A] int64 environment of each agent, numbered within the batch.
         count: [E] scenes of each environment.
     """
@@ -49,8 +49,8 @@ class Batch:
     count: Tensor
 
     @classmethod
-    def of(cls, parts: Sequence[Truth], inputs: Inputs, device: torch.device, times: float = 1) -> Batch:
-        """Scenes of one environment each; each counts so many times."""
+    def of(cls, parts: Sequence[Truth], inputs: Inputs, device: torch.device) -> Batch:
+        """Scenes of one environment each."""
         truth = stack(parts)
         observation = truth.observation
         path = np.concatenate([observation.xy[:, -1:], truth.future], axis=1).astype(np.float64)
@@ -61,9 +61,9 @@ class Batch:
             inputs(observation),
             np.diff(path, axis=1).round(4).transpose(1, 0, 2),
             (truth.known & before).T,
-            np.repeat(times / sizes, sizes),
+            np.repeat(1 / sizes, sizes),
             np.repeat(np.arange(len(parts)), [len(part.observation) for part in parts]),
-            times * np.array(scenes),
+            np.array(scenes),
         )
         kinds = (torch.float32, torch.float32, torch.float32, torch.float32, torch.int64, torch.float32)
         steps, moves, known, share, environment, count = (
@@ -80,19 +80,16 @@ class Schedule:
     Attributes:
         epochs: Of stage 1 (reconstruction from the trajectory LSTM), 2 (from both LSTMs) and 3 (forecast).
         scenes: Scenes of a step; where a step holds several environments, an equal part from each.
-        joint: Every step holds scenes of each environment, shuffled. Else a step is of one environment, they take
-            turns, nothing is shuffled, and an epoch sees every scene once.
+        joint: Every step holds scenes of each environment, shuffled. Else a step is of one environment, one comes after
+            the other, nothing is shuffled, and an epoch sees every scene once, as in the released program.
         shortest: With ``joint``, an epoch ends when the smallest environment has been seen once; else it has as many
             steps as all scenes together would fill, and smaller environments are seen more than once.
-        agents: Without ``joint``: where the scenes of a step hold more agents than this, every n-th of them is taken,
-            others in the next epoch, and counts for all. Neighbouring windows of a crowd are nearly the same.
     """
 
     epochs: tuple[int, int, int] = (150, 100, 150)
     scenes: int = 64
     joint: bool = False
     shortest: bool = False
-    agents: int | None = None
 
     def __post_init__(self) -> None:
         """Raise SpecError for values that make no training."""
@@ -101,8 +98,6 @@ class Schedule:
         for epochs in self.epochs:
             whole_number("epochs", epochs, 0, 1_000_000)
         whole_number("scenes", self.scenes, 1, 1_000_000)
-        if self.agents is not None:
-            whole_number("agents", self.agents, 1, 1_000_000)
 
 
 class StgatProgram:
@@ -148,8 +143,7 @@ class StgatProgram:
         self.features, self.counterfactual, self.schedule = features, counterfactual, schedule
         self.joint = schedule.joint or objective.joint
         self.validation = self._validation(stack([v for v in validation if v.observation.scenes]))
-        self.turns = self._turns()
-        self.staged: dict[tuple[int, int], Batch] = {}
+        self.staged: list[Batch] = []
         encoders = {"trajectory": 1e-2, "graph": 1e-2, "attention1": 3e-2, "attention2": 3e-2, "": 1e-3}
         names = ("reconstruction", "graph reconstruction", "forecast")
         rates: tuple[dict[str, float], ...] = (encoders, encoders, {"": 5e-3})
@@ -166,7 +160,6 @@ class StgatProgram:
             "scenes": schedule.scenes,
             "joint": self.joint,
             "shortest": schedule.shortest,
-            "agents": None if self.joint else schedule.agents,
             "train": [digest(t) for t in train],
             "validation": [digest(v) for v in validation],
         }
@@ -174,8 +167,7 @@ class StgatProgram:
     def summary(self) -> str:
         """How long and on how much it is trained, for results."""
         epochs = "/".join(str(stage.epochs) for stage in self.stages)
-        thinned = max((thin for _, _, thin in self.turns), default=1) if not self.joint else 1
-        return f"trained for {epochs} epochs" + (f", crowds thinned up to {thinned}-fold" if thinned > 1 else "")
+        return f"trained for {epochs} epochs"
 
     def initial(self, seeds: Sequence[int]) -> Weights:
         """First weights of each seed."""
@@ -190,7 +182,7 @@ class StgatProgram:
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
     ) -> Iterator[Tensor]:
         """Losses [M] of the steps of an epoch."""
-        for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self._in_turn(epoch):
+        for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self._in_turn():
             draws = Draws.from_generators(generators, batch.layout)
             if stage == 2:
                 made = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
@@ -216,25 +208,15 @@ class StgatProgram:
             count += (batch.known.sum(dim=0) > 0).sum()
         return total / count
 
-    def _turns(self) -> list[tuple[int, np.ndarray, int]]:
-        """Environment, scenes and n of each step, the environments one after another; every n-th scene is taken."""
-        found, most = [], self.schedule.agents
-        for number, truth in enumerate(self.train):
-            limits, size = truth.observation.scene, self.schedule.scenes
-            for first in range(0, truth.observation.scenes, size):
-                scenes = np.arange(first, min(first + size, truth.observation.scenes))
-                agents = int(limits[scenes[-1] + 1] - limits[first])
-                found.append((number, scenes, 1 if most is None else min(-(-agents // most), len(scenes))))
-        return found
-
-    def _in_turn(self, epoch: int) -> Iterator[Batch]:
-        """Steps of an epoch, each of one environment; a batch is made once."""
-        for step, (number, scenes, thin) in enumerate(self.turns):
-            key = step, epoch % thin
-            if key not in self.staged:
-                taken = scenes[epoch % thin :: thin]
-                self.staged[key] = self._batch([(number, taken)], len(scenes) / len(taken))
-            yield self.staged[key]
+    def _in_turn(self) -> list[Batch]:
+        """Steps of every epoch, each of one environment; made once."""
+        if not self.staged:
+            size = self.schedule.scenes
+            for number, truth in enumerate(self.train):
+                total = truth.observation.scenes
+                for first in range(0, total, size):
+                    self.staged.append(self._batch([(number, np.arange(first, min(first + size, total)))]))
+        return self.staged
 
     def _shuffled(self, epoch: int) -> Iterator[list[tuple[int, np.ndarray]]]:
         """Scenes of each environment for each step of an epoch; the order depends on the epoch alone."""
@@ -250,9 +232,9 @@ class StgatProgram:
             part = slice(step * each, (step + 1) * each)
             yield [(number, order[part]) for number, order in enumerate(orders)]
 
-    def _batch(self, parts: Sequence[tuple[int, np.ndarray]], times: float = 1) -> Batch:
+    def _batch(self, parts: Sequence[tuple[int, np.ndarray]]) -> Batch:
         truths = [pick_scenes(self.train[number], scenes) for number, scenes in parts]
-        return Batch.of(truths, self.inputs, self.device, times)
+        return Batch.of(truths, self.inputs, self.device)
 
     def _validation(self, truth: Truth) -> list[Batch]:
         found = []
