@@ -52,15 +52,15 @@ class Counterfactual(Stgat):
 class Invariant(Stgat):
     """STGAT trained with a penalty on the gradient of each environment's risk (the paper's Eq. 3, IRMv1).
 
-    Train it with ``joint`` steps. The gradient, by a factor on the forecasts, is zero too for forecasts of no motion,
-    and in steps of one environment, where the penalty changes most from step to step, training ended there.
+    Train it with ``joint`` steps. The gradient, by a factor on the forecasts, is zero too for forecasts of no motion:
+    with ``unbiased=False`` and steps of one environment, where it is large and varies most, training ended there.
 
     Args:
         weights: Name of shipped weights, or a ``.safetensors`` file.
         seed: Which of the seeds that the weights hold; by default the first.
         sigma: true, ``relative`` (divided by its mean over the scene) or false (never given).
         penalty: Factor lambda of the penalty.
-        unbiased: Estimate the squared gradient from two halves of each batch; see ``objectives.Irm``.
+        unbiased: Estimate the squared gradient from two halves of each step; see ``objectives.Irm``.
     """
 
     kind = "invariant"
@@ -72,7 +72,7 @@ class Invariant(Stgat):
         seed: int | None = None,
         sigma: bool | str = True,
         penalty: float = 5.0,
-        unbiased: bool = False,
+        unbiased: bool = True,
     ):
         self.penalty, self.unbiased = penalty, unbiased
         objectives.Irm(penalty, unbiased)  # says at once what is wrong with a value
