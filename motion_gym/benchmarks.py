@@ -86,7 +86,7 @@ def trainings() -> dict[str, Training]:
     that all rows with five seeds each can be trained on two cores; ``--epochs`` sets others. Every step holds scenes of
     all places, for all rows, so that these differ in what they minimise alone.
     """
-    joint = {"epochs": (40, 30, 40), "joint": True}
+    joint = {"epochs": (40, 30, 30), "joint": True}
     found = {"spurious": Training("eth:alpha=1", options=joint)}
     found |= {f"spurious/{place}": Training(f"{place}:alpha=1", options=joint) for place in PLACES[1:]}
     found["spurious/past"] = Training("eth:alpha=1,sigma=past", options=joint)

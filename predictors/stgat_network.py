@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from motion_gym.contract import FUTURE, PredictorError
+from motion_gym.contract import FUTURE
 from motion_gym.predictors.graph_attention import Layout, graph_attention
 from motion_gym.predictors.lstm import joined_weights, rolled_out, unrolled
-
-Weights = dict[str, Tensor]
+from motion_gym.predictors.weighted import Weights, check_shapes
 
 TRAJECTORY, GRAPH, NOISE = 32, 32, 16
 """Units of the trajectory LSTM, of the graph LSTM, and values of noise; together the units of the decoder."""
@@ -78,21 +77,8 @@ def shapes(features: int) -> dict[str, tuple[int, ...]]:
 
 def check_weights(tensors: Weights, features: int, source: str) -> None:
     """Raise PredictorError unless these are finite weights of this network, for inputs of ``features`` values."""
-    expected = shapes(features)
-    found = {key: tuple(value.shape[1:]) for key, value in tensors.items()}
-    if found.keys() != expected.keys():
-        lacking, unknown = sorted(expected.keys() - found.keys()), sorted(found.keys() - expected.keys())
-        raise PredictorError(
-            f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
-            f"{unknown or 'nothing'} besides."
-        )
-    for key, shape in expected.items():
-        if found[key] != shape:
-            with_sigma = " It was trained " + ("without" if features == 3 else "with") + " sigma."
-            hint = with_sigma if key == "trajectory.input" else ""
-            raise PredictorError(f"{source}: {key} has shape {found[key]}, expected {shape}.{hint}")
-        if not torch.isfinite(tensors[key]).all():
-            raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")
+    hint = " It was trained " + ("without" if features == 3 else "with") + " sigma."
+    check_shapes(tensors, shapes(features), source, {"trajectory.input": hint})
 
 
 def initial(features: int, seed: int) -> Weights:

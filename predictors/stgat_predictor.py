@@ -2,38 +2,31 @@
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
 import torch
 
-from motion_gym.catalog import format_spec, whole_number
-from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors import objectives
 from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.objectives import Objective
 from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
 from motion_gym.predictors.sigma import check_sigma, relative_to_scene
-from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, Weights, check_weights, stage3
+from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, check_weights, stage3
 from motion_gym.predictors.stgat_released import import_released
 from motion_gym.predictors.stgat_training import Schedule, StgatProgram
-from motion_gym.results import commit, versions
+from motion_gym.predictors.weighted import Weighted, Weights
 from motion_gym.training import Progress, device_named
-from motion_gym.training import train as train_program
-from motion_gym.weight_files import locate, read, write
 from motion_gym.windows import pick_scenes_of
-
-DEFAULT_WEIGHTS = "spurious"
 
 SCENES_AT_ONCE = 256
 """Scenes times samples of one forward pass, so that memory does not grow with the test set."""
 
 
-class Stgat:
+class Stgat(Weighted):
     """Spatio-temporal graph attention (Huang et al., ICCV 2019), with the sizes of the paper's released program.
 
     Reads the displacements of the 8 observed steps, rounded to 4 decimals (the first is 0), and sigma as a third value.
@@ -48,56 +41,24 @@ class Stgat:
             account. False: never given to the network.
     """
 
-    kind: ClassVar[str] = "stgat"
-    counterfactual: ClassVar[bool] = False
+    kind = "stgat"
+    shipped = "spurious"
     settings: ClassVar[tuple[str, ...]] = ("sigma",)
-    """Arguments that make another row of a table, and another file of weights."""
-    fitted = True
-    """Training takes long and is never done on the side: ``predict`` says so where weights are missing."""
+    counterfactual: ClassVar[bool] = False
 
     def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = True):
         check_sigma(sigma, self.kind)
         self.sigma = sigma
-        self.weights = None if weights is None else str(weights)
-        self.seed = None if seed is None else whole_number("seed", seed, 0, 2**31)
-        self.tensors: Weights | None = None
-        self.stacked: Weights = {}
-        self.card: dict[str, Any] = {}
-        if weights is not None:
-            self.load(locate(str(weights), self.name))
+        super().__init__(weights, seed)
+
+    def check(self, tensors: Weights, source: str) -> None:
+        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
+        check_weights(tensors, self.features, source)
 
     @property
     def objective(self) -> Objective:
         """What ``fit`` minimises."""
         return objectives.Erm()
-
-    @property
-    def name(self) -> str:
-        """The predictor with those settings that are not at their defaults."""
-        defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
-        changed = {k: getattr(self, k) for k in self.settings if getattr(self, k) != defaults[k]}
-        whole = {k: int(v) for k, v in changed.items() if isinstance(v, float) and v.is_integer()}
-        return format_spec(self.kind, {**changed, **whole})
-
-    @property
-    def fingerprint(self) -> str:
-        """sha256 of the weights, so that a result tells which they were."""
-        digest = hashlib.sha256()
-        for name, value in sorted(self._ready().items()):
-            digest.update(name.encode() + value.numpy().tobytes())
-        return digest.hexdigest()
-
-    @property
-    def trained_on(self) -> tuple[str, ...]:
-        """Names of the domains whose windows the weights were trained on."""
-        self._ready()
-        return tuple(self.card.get("trained_on", ()))
-
-    @property
-    def selection(self) -> str:
-        """How the weights were selected, as their card says."""
-        self._ready()
-        return str(self.card.get("selection", "not stated by the weights"))
 
     @property
     def features(self) -> int:
@@ -146,12 +107,8 @@ class Stgat:
                 without sigma, or a loss that is not finite.
             SpecError: the device is not there, or the checkpoint is of another configuration.
         """
-        seeds = [whole_number("seed", s, 0, 2**31) for s in ([seed] if isinstance(seed, int) else seed)]
-        if not seeds:
-            raise SpecError("`seed` names no seed: give one, or several, to train.")
-        if self.seed is not None and self.seed not in seeds:
-            raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
         objective = self.objective
+        seeds = self.seeds_of(seed)
         program = StgatProgram(
             train,
             validation,
@@ -163,26 +120,16 @@ class Stgat:
             device_named(device),
             {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
         )
-        made = train_program(
-            program, seeds, device=device, checkpoint=checkpoint, resume=resume, every=every, report=report
+        self.train(
+            program,
+            seeds,
+            names=names,
+            device=device,
+            checkpoint=checkpoint,
+            resume=resume,
+            every=every,
+            report=report,
         )
-        card = {
-            "predictor": self.name,
-            "seeds": seeds,
-            "trained_on": list(names),
-            "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
-            + program.summary(),
-            "validation_ade": [round(score, 4) for score in made.score],
-            "epoch": made.epoch,
-            "training": {**program.config, "epochs": list(epochs)},
-            "seconds": round(made.seconds, 1),
-            "device": device,
-            "commit": commit(),
-            "versions": versions(),
-            "precision": "trained in single, kept in half precision",
-            "curve": made.curve,
-        }
-        self.use({name: value.half().float() for name, value in made.weights.items()}, card)
         return self
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
@@ -219,52 +166,10 @@ class Stgat:
             )
         return displacements(observation, self.features, relative=self.sigma == "relative")
 
-    def _ready(self) -> Weights:
-        """The weights of the seed; those shipped, if none were given."""
-        if self.tensors is None:
-            self.load(locate(DEFAULT_WEIGHTS, self.name))
-        return cast(Weights, self.tensors)
-
-    def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:
-        """Take weights [M, ...] of M seeds, and their card.
-
-        Raises:
-            PredictorError: they are of another model, not finite, or lack the seed.
-        """
-        check_weights(tensors, self.features, source)
-        written = card.get("predictor", self.name)
-        if written != self.name:
-            raise PredictorError(f"{source} has the weights of {written}, not of {self.name}: name that predictor.")
-        models = len(next(iter(tensors.values())))
-        seeds = card.get("seeds", [None] * models)
-        if len(seeds) != models or (self.seed is not None and self.seed not in seeds):
-            raise PredictorError(f"{source} of {self.name} hold no seed {self.seed}: {seeds} of {models} are there.")
-        index = 0 if self.seed is None else seeds.index(self.seed)
-        self.stacked, self.card = tensors, card
-        self.tensors = {name: value[index : index + 1].contiguous() for name, value in tensors.items()}
-
     def from_released(self, path: str | Path) -> Stgat:
         """Take the weights of the paper's released program; see ``import_released``. Returns itself."""
         self.use(*import_released(path), str(path))
         return self
-
-    def save(self, path: str | Path) -> None:
-        """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
-
-        Raises:
-            PredictorError: there are no weights.
-            StorageError: a file could not be written; neither is then half written.
-        """
-        self._ready()
-        write(Path(path), self.stacked, {**self.card, "predictor": self.name, "features": self.features})
-
-    def load(self, path: str | Path) -> None:
-        """Read what ``save`` wrote.
-
-        Raises:
-            PredictorError: the file is missing, damaged, or has the weights of another model.
-        """
-        self.use(*read(Path(path)), str(path))
 
 
 def displacements(observation: Observation, features: int, relative: bool = False) -> np.ndarray:

@@ -1,0 +1,209 @@
+"""What all predictors with trained weights share: their name, their weights on disk, the training of several seeds."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, cast
+
+import torch
+from torch import Tensor
+
+from motion_gym import training
+from motion_gym.catalog import format_spec, whole_number
+from motion_gym.contract import PredictorError, SpecError
+from motion_gym.results import commit, versions
+from motion_gym.training import Progress, device_named
+from motion_gym.weight_files import locate, read, write
+
+Weights = dict[str, Tensor]
+
+
+class Program(training.Program, Protocol):
+    """A training program that can say for how long it trains."""
+
+    def summary(self) -> str:
+        """How long and on how much it is trained, for results."""
+        ...
+
+
+class Weighted:
+    """A predictor with trained weights, of one seed or several.
+
+    A subclass names itself, says which of its arguments make another row of a table, checks weights, and makes the
+    program that ``fit`` trains.
+
+    Args:
+        weights: Name of shipped weights or a ``.safetensors`` file; by default the shipped ones, if there are some for
+            these settings.
+        seed: Which of the seeds that the weights hold; by default the first.
+    """
+
+    kind: ClassVar[str]
+    shipped: ClassVar[str]
+    """Name of the weights that are used where none are named."""
+    settings: ClassVar[tuple[str, ...]] = ()
+    """Arguments that make another row of a table, and another file of weights."""
+    fitted = True
+    """Training takes long and is never done on the side: ``predict`` says so where weights are missing."""
+
+    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
+        self.weights = None if weights is None else str(weights)
+        self.seed = None if seed is None else whole_number("seed", seed, 0, 2**31)
+        self.tensors: Weights | None = None
+        self.stacked: Weights = {}
+        self.card: dict[str, Any] = {}
+        if weights is not None:
+            self.load(locate(str(weights), self.name))
+
+    def check(self, tensors: Weights, source: str) -> None:
+        """Raise PredictorError unless these are weights [M, ...] of this predictor; ``source`` says whose they are."""
+        raise NotImplementedError
+
+    @property
+    def name(self) -> str:
+        """The predictor with those settings that are not at their defaults."""
+        defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
+        changed = {k: getattr(self, k) for k in self.settings if getattr(self, k) != defaults[k]}
+        whole = {k: int(v) for k, v in changed.items() if isinstance(v, float) and v.is_integer()}
+        return format_spec(self.kind, {**changed, **whole})
+
+    @property
+    def fingerprint(self) -> str:
+        """sha256 of the weights, so that a result tells which they were."""
+        digest = hashlib.sha256()
+        for name, value in sorted(self._ready().items()):
+            digest.update(name.encode() + value.numpy().tobytes())
+        return digest.hexdigest()
+
+    @property
+    def trained_on(self) -> tuple[str, ...]:
+        """Names of the domains whose windows the weights were trained on."""
+        self._ready()
+        return tuple(self.card.get("trained_on", ()))
+
+    @property
+    def selection(self) -> str:
+        """How the weights were selected, as their card says."""
+        self._ready()
+        return str(self.card.get("selection", "not stated by the weights"))
+
+    def seeds_of(self, seed: int | Sequence[int]) -> list[int]:
+        """The seeds to train, from the argument of ``fit``.
+
+        Raises:
+            SpecError: there is none, or they lack the one that this predictor is to use.
+        """
+        seeds = [whole_number("seed", s, 0, 2**31) for s in ([seed] if isinstance(seed, int) else seed)]
+        if not seeds:
+            raise SpecError("`seed` names no seed: give one, or several, to train.")
+        if self.seed is not None and self.seed not in seeds:
+            raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
+        return seeds
+
+    def train(
+        self,
+        program: Program,
+        seeds: list[int],
+        *,
+        names: Sequence[str],
+        device: str,
+        checkpoint: Path | None,
+        resume: bool,
+        every: int,
+        report: Callable[[Progress], None],
+    ) -> None:
+        """Train all seeds in one pass, and take the weights of the best epoch of each; see ``training.train``."""
+        made = training.train(
+            program,
+            seeds,
+            device=device_named(device),
+            checkpoint=checkpoint,
+            resume=resume,
+            every=every,
+            report=report,
+        )
+        card = {
+            "predictor": self.name,
+            "seeds": seeds,
+            "trained_on": list(names),
+            "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
+            + program.summary(),
+            "validation_ade": [round(score, 4) for score in made.score],
+            "epoch": made.epoch,
+            "training": {**program.config, "epochs": [stage.epochs for stage in program.stages]},
+            "seconds": round(made.seconds, 1),
+            "device": device,
+            "commit": commit(),
+            "versions": versions(),
+            "precision": "trained in single, kept in half precision",
+            "curve": made.curve,
+        }
+        self.use({name: value.half().float() for name, value in made.weights.items()}, card)
+
+    def _ready(self) -> Weights:
+        """The weights of the seed; those shipped, if none were given."""
+        if self.tensors is None:
+            self.load(locate(self.shipped, self.name))
+        return cast(Weights, self.tensors)
+
+    def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:
+        """Take weights [M, ...] of M seeds, and their card.
+
+        Raises:
+            PredictorError: they are of another model, not finite, or lack the seed.
+        """
+        self.check(tensors, source)
+        written = card.get("predictor", self.name)
+        if written != self.name:
+            raise PredictorError(f"{source} has the weights of {written}, not of {self.name}: name that predictor.")
+        models = len(next(iter(tensors.values())))
+        seeds = card.get("seeds", [None] * models)
+        if len(seeds) != models or (self.seed is not None and self.seed not in seeds):
+            raise PredictorError(f"{source} of {self.name} hold no seed {self.seed}: {seeds} of {models} are there.")
+        index = 0 if self.seed is None else seeds.index(self.seed)
+        self.stacked, self.card = tensors, card
+        self.tensors = {name: value[index : index + 1].contiguous() for name, value in tensors.items()}
+
+    def save(self, path: str | Path) -> None:
+        """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
+
+        Raises:
+            PredictorError: there are no weights.
+            StorageError: a file could not be written; neither is then half written.
+        """
+        self._ready()
+        write(Path(path), self.stacked, {**self.card, "predictor": self.name})
+
+    def load(self, path: str | Path) -> None:
+        """Read what ``save`` wrote.
+
+        Raises:
+            PredictorError: the file is missing, damaged, or has the weights of another model.
+        """
+        self.use(*read(Path(path)), str(path))
+
+
+def check_shapes(tensors: Weights, expected: dict[str, tuple[int, ...]], source: str, hints: dict[str, str]) -> None:
+    """Raise PredictorError unless tensors are finite and of the expected names and shapes, behind the axis of models.
+
+    Args:
+        tensors: Weights [M, ...].
+        expected: Shape of each, without M.
+        source: Whose they are, for messages.
+        hints: What it means if a weight has another shape.
+    """
+    found = {key: tuple(value.shape[1:]) for key, value in tensors.items()}
+    if found.keys() != expected.keys():
+        lacking, unknown = sorted(expected.keys() - found.keys()), sorted(found.keys() - expected.keys())
+        raise PredictorError(
+            f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
+            f"{unknown or 'nothing'} besides."
+        )
+    for key, shape in expected.items():
+        if found[key] != shape:
+            raise PredictorError(f"{source}: {key} has shape {found[key]}, expected {shape}.{hints.get(key, '')}")
+        if not torch.isfinite(tensors[key]).all():
+            raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")
