@@ -93,6 +93,8 @@ def trainings() -> dict[str, Training]:
     # Every place comes with every alpha, so that an epoch is four times as long.
     crossed = {**joint, "epochs": (10, 8, 10)}
     found["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
+    found["style"] = Training("orca:d=0.4")
+    found["style/blind"] = Training("orca:d=0.4,radius=7")
     for place in PLACES:
         # An epoch ends with the smallest place: after 14 steps where it is hotel, after 3 where it is eth.
         epochs = (80, 50, 50) if place == "eth" else (120, 80, 100)

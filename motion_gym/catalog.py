@@ -48,6 +48,10 @@ PREDICTORS = {
     "invariant": Entry("motion_gym.predictors.stgat:Invariant", "STGAT, a penalty on each environment's slope (IRMv1)"),
     "vrex": Entry("motion_gym.predictors.stgat:VRex", "STGAT, a penalty on how much risks differ (V-REx)"),
     "group_dro": Entry("motion_gym.predictors.stgat:GroupDro", "STGAT, for its worst environment (group DRO)"),
+    "style_erm": Entry("motion_gym.predictors.modular:StyleErm", "two-agent network of the paper, without style"),
+    "style_invariant": Entry("motion_gym.predictors.modular:StyleInvariant", "the same, trained with IRMv1"),
+    "modular": Entry("motion_gym.predictors.modular:Modular", "two-agent network that reads a style from scenes"),
+    "modular_invariant": Entry("motion_gym.predictors.modular:ModularInvariant", "the same, its encoder by IRMv1"),
     "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),
 }
 

@@ -221,8 +221,9 @@ class _Run:
         stage = self.program.stages[index]
         if self.epoch == sum(s.epochs for s in self.program.stages[:index]):
             self.state = self.program.state(len(self.seeds))
-        for group, name in zip(self.adam.param_groups, self.weights, strict=True):
+        for group, (name, value) in zip(self.adam.param_groups, self.weights.items(), strict=True):
             group["lr"] = stage.rates.get(name.split(".")[0], stage.rates.get("", 0.0))
+            value.requires_grad_(group["lr"] > 0)
         losses = []
         for loss in self.program.losses(self.weights, self.state, index, self.generators(0), self.epoch):
             self.adam.zero_grad()

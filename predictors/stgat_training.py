@@ -169,6 +169,10 @@ class StgatProgram:
         epochs = "/".join(str(stage.epochs) for stage in self.stages)
         return f"trained for {epochs} epochs"
 
+    def finished(self, weights: Weights) -> Weights:
+        """The weights as they are."""
+        return weights
+
     def initial(self, seeds: Sequence[int]) -> Weights:
         """First weights of each seed."""
         each = [initial(self.features, seed) for seed in seeds]

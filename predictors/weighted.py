@@ -22,10 +22,14 @@ Weights = dict[str, Tensor]
 
 
 class Program(training.Program, Protocol):
-    """A training program that can say for how long it trains."""
+    """A training program of a predictor."""
 
     def summary(self) -> str:
         """How long and on how much it is trained, for results."""
+        ...
+
+    def finished(self, weights: Weights) -> Weights:
+        """The weights, on the CPU, with what the predictor needs besides."""
         ...
 
 
@@ -141,7 +145,8 @@ class Weighted:
             "precision": "trained in single, kept in half precision",
             "curve": made.curve,
         }
-        self.use({name: value.half().float() for name, value in made.weights.items()}, card)
+        weights = program.finished(made.weights)
+        self.use({name: value.half().float() for name, value in weights.items()}, card)
 
     def _ready(self) -> Weights:
         """The weights of the seed; those shipped, if none were given."""

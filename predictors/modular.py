@@ -1,0 +1,210 @@
+"""The paper's predictors for style shifts: the two-agent network with and without a style, plainly and invariantly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
+from motion_gym.predictors import pair_network
+from motion_gym.predictors.objectives import Erm, Irm, Objective
+from motion_gym.predictors.pair_network import CODE, Pairs
+from motion_gym.predictors.style_training import PLAIN, Schedule, StyleProgram
+from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
+from motion_gym.training import Progress, device_named
+from motion_gym.windows import pick_scenes
+
+
+class StyleErm(Weighted):
+    """The paper's two-agent network for style shifts, trained by empirical risk minimisation, without a style.
+
+    Takes scenes of exactly two agents, in a fixed order, and their positions as they are. Deterministic.
+
+    Args:
+        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
+        seed: Which of the seeds that the weights hold; by default the first.
+    """
+
+    kind = "style_erm"
+    shipped = "style"
+    objective: ClassVar[Objective] = Erm()
+    epochs: ClassVar[tuple[int, ...]] = (100,)
+    """Of the stages, as in the released program."""
+    expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)
+    """Shape of every weight."""
+
+    def check(self, tensors: Weights, source: str) -> None:
+        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
+        check_shapes(tensors, self.expected, source, {})
+
+    def fit(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        seed: int | Sequence[int] = 0,
+        *,
+        epochs: Sequence[int] | None = None,
+        scenes: int = 64,
+        most: int | None = 9000,
+        style_weight: float = 1.0,
+        negatives_only: bool = False,
+        names: Sequence[str] = (),
+        device: str = "cpu",
+        checkpoint: Path | None = None,
+        resume: bool = False,
+        every: int = 10,
+        report: Callable[[Progress], None] = lambda progress: None,
+    ) -> StyleErm:
+        """Train, all seeds in one pass.
+
+        Args:
+            train: Windows of each environment, of two agents each.
+            validation: Windows that weights are selected on, of the same environments in the same order.
+            seed: Seed, or several.
+            epochs: Of the stages; by default those of the released program.
+            scenes: Scenes of each environment in a step.
+            most: Scenes of each environment that are trained on; None for all.
+            style_weight: Factor of the style loss in the last stage.
+            negatives_only: Take the paper's denominator in the style loss; see ``style_loss``.
+            names: Names of the domains of ``train``, for the card.
+            device: ``cpu`` or ``cuda``.
+            checkpoint: File of the checkpoints; None for none.
+            resume: Go on from the checkpoint if there is one; the last stage may have become longer.
+            every: Epochs from one checkpoint to the next.
+            report: Called after each epoch.
+
+        Returns:
+            Itself, with the weights of the best epoch of each seed.
+
+        Raises:
+            PredictorError: nothing to train on, scenes of another number of agents, one environment where several are
+                compared, or a loss that is not finite.
+            SpecError: the device is not there, or the checkpoint is of another configuration.
+        """
+        seeds = self.seeds_of(seed)
+        schedule = Schedule(
+            tuple(self.epochs if epochs is None else epochs), scenes, most, style_weight, negatives_only
+        )
+        if (len(schedule.epochs) > 1) != (len(self.epochs) > 1):
+            raise PredictorError(f"{self.name} has {len(self.epochs)} stages: `epochs` needs as many numbers.")
+        objective = {"objective": type(self.objective).__name__, **vars(self.objective)}
+        program = StyleProgram(
+            train, validation, self.objective, schedule, device_named(device), {"predictor": self.name, **objective}
+        )
+        self.train(
+            program,
+            seeds,
+            names=names,
+            device=device,
+            checkpoint=checkpoint,
+            resume=resume,
+            every=every,
+            report=report,
+        )
+        return self
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres.
+
+        Raises:
+            PredictorError: there are no weights, or a scene has not two agents.
+        """
+        weights = self._ready()
+        history = torch.tensor(pair_network.paired(observation)).flatten(1)
+        with torch.no_grad():
+            moves = pair_network.forecast(history, self._codes(weights), weights)[0]
+        offsets = moves.view(-1, FUTURE, 2).cumsum(dim=1).numpy()
+        return Forecast((observation.xy[:, -1:] + offsets)[:, None].astype(np.float32))
+
+    def _codes(self, weights: Weights) -> Tensor | None:
+        """Style code [1, 1, 8] to forecast with."""
+        return None
+
+
+class StyleInvariant(StyleErm):
+    """The two-agent network without a style, trained with IRMv1, lambda 1 (the paper's invariant row).
+
+    Args:
+        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
+        seed: Which of the seeds that the weights hold; by default the first.
+    """
+
+    kind = "style_invariant"
+    objective = Irm(1.0)
+
+
+class Modular(StyleErm):
+    """The paper's modular network: an encoder of the scene, one of the style, and a modulator that joins them.
+
+    The style of a domain is read from scenes that it observes over all 20 steps: a running average of their codes. It
+    begins at the mean code of the training scenes, which counts for as many scenes as make the best guess (the variance
+    of codes within an environment over that between environments). ``reset`` goes back there.
+
+    Args:
+        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
+        seed: Which of the seeds that the weights hold; by default the first.
+    """
+
+    kind = "modular"
+    epochs = (100, 50, 20, 300)
+    expected: ClassVar[dict[str, tuple[int, ...]]] = {
+        **pair_network.shapes(),
+        "prior.code": (CODE,),
+        "prior.scenes": (1,),
+        "prior.dt": (1,),
+    }
+
+    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
+        self.observed = np.zeros(CODE)
+        self.scenes = 0
+        super().__init__(weights, seed)
+
+    def observe(self, truth: Truth) -> None:
+        """Read the style from those scenes whose 20 steps are all known.
+
+        Raises:
+            PredictorError: there are no weights, a scene has not two agents, or steps of another length than those
+                that the style encoder was trained on.
+        """
+        weights = self._ready()
+        dt = float(weights["prior.dt"])
+        if not np.isclose(truth.observation.dt, dt, rtol=1e-3):
+            raise PredictorError(
+                f"{self.name} reads styles from steps of {dt:.3g} s, and was shown scenes with steps of "
+                f"{truth.observation.dt:.3g} s: resample them, or train on such steps."
+            )
+        whole = np.logical_and.reduceat(truth.known.all(axis=1), truth.observation.scene[:-1])
+        if not whole.any():
+            return
+        pairs = Pairs.of(pick_scenes(truth, np.flatnonzero(whole)))
+        with torch.no_grad():
+            codes = pair_network.code(pairs.path, weights)[0]
+        self.observed = self.observed + codes.double().sum(dim=0).numpy()
+        self.scenes += len(codes)
+
+    def reset(self) -> None:
+        """Forget all that was observed."""
+        self.observed, self.scenes = np.zeros(CODE), 0
+
+    def _codes(self, weights: Weights) -> Tensor:
+        """The running average."""
+        count = float(weights["prior.scenes"])
+        average = (count * weights["prior.code"][0].double() + torch.from_numpy(self.observed)) / (count + self.scenes)
+        return average.float()[None, None]
+
+
+class ModularInvariant(Modular):
+    """The modular network whose scene encoder is trained with IRMv1, lambda 1 (the paper's full method).
+
+    Args:
+        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
+        seed: Which of the seeds that the weights hold; by default the first.
+    """
+
+    kind = "modular_invariant"
+    objective = Irm(1.0)

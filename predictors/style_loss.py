@@ -1,0 +1,43 @@
+"""The style contrastive loss: codes of scenes from one environment are drawn together, those of others apart."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from motion_gym.contract import PredictorError
+
+TEMPERATURE = 0.07
+
+
+def style_loss(embedding: Tensor, environment: Tensor, negatives_only: bool = False) -> Tensor:
+    """Supervised contrastive loss of each model (Khosla et al., NeurIPS 2020, the mean outside of the logarithm).
+
+    For an anchor i and each other scene j of its environment: -log(exp(s_ij / t) / sum over k of exp(s_ik / t)), where
+    s is the scalar product and t = 0.07; the mean over j, then over i. The released program sums over all k except i.
+    The paper's Eq. 5 sums over j and the scenes of other environments (``negatives_only``): other positives then do
+    not repel each other, and the loss of well separated codes goes to 0, where the released one stays at the logarithm
+    of the number of positives.
+
+    Args:
+        embedding: [M, S, 8] of unit length.
+        environment: [S] int64 environment of each scene; each at least twice.
+        negatives_only: Take the paper's denominator.
+
+    Raises:
+        PredictorError: there is one environment alone.
+    """
+    same = environment[:, None] == environment
+    if bool(same.all()):
+        raise PredictorError(
+            "The style loss compares environments, and the scenes are all of one: give scenes of at least two."
+        )
+    itself = torch.eye(len(environment), dtype=torch.bool, device=embedding.device)
+    logits = (embedding @ embedding.transpose(1, 2) / TEMPERATURE).masked_fill(itself, -torch.inf)
+    if negatives_only:
+        others = logits.masked_fill(same, -torch.inf).logsumexp(dim=-1, keepdim=True)
+        log_share = logits - torch.logaddexp(logits, others)
+    else:
+        log_share = logits - logits.logsumexp(dim=-1, keepdim=True)
+    positive = same & ~itself
+    return -(log_share.masked_fill(~positive, 0).sum(dim=-1) / positive.sum(dim=-1)).mean(dim=-1)
