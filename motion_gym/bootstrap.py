@@ -6,7 +6,8 @@ percentile bootstrap for clustered data (Davison and Hinkley, Bootstrap Methods 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import functools
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,6 +17,8 @@ from motion_gym.contract import Observation, SpecError
 
 DRAWS_AT_ONCE = 1 << 20
 """Drawn clusters held in memory together."""
+MOST_KEPT = 1 << 24
+"""Drawn clusters up to which resamples are kept for the next metric, which sees the same ones."""
 
 
 class Interval(NamedTuple):
@@ -200,8 +203,18 @@ def _resampled_means(
     return mean, np.where(enough, means, np.nan)
 
 
-def _resamples(clusters: int, replicates: int, seed: int) -> Iterator[np.ndarray]:
-    """How often each replicate draws each cluster: [rows, clusters] float64 at a time, R rows in all.
+def _resamples(clusters: int, replicates: int, seed: int) -> Iterable[np.ndarray]:
+    """How often each replicate draws each cluster: [rows, clusters] at a time, R rows in all."""
+    return (_kept if clusters * replicates <= MOST_KEPT else _drawn)(clusters, replicates, seed)
+
+
+@functools.lru_cache(maxsize=2)
+def _kept(clusters: int, replicates: int, seed: int) -> list[np.ndarray]:
+    return [block.astype(np.uint16) for block in _drawn(clusters, replicates, seed)]
+
+
+def _drawn(clusters: int, replicates: int, seed: int) -> Iterator[np.ndarray]:
+    """Blocks of float64.
 
     Counting plain draws is exact and, for many clusters, several times faster than a multinomial draw.
     """
