@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from motion_gym import catalog, figures, seed_tables, source_selection
+from motion_gym import catalog, figures, seed_tables, source_selection, style_report
 from motion_gym.benchmarks import PLAIN, SAMPLES, Found, Part
 from motion_gym.contract import Domain
 from motion_gym.storage import write_atomic
@@ -19,22 +19,39 @@ DRAWN = ("erm_no_sigma", "erm", "counterfactual", "invariant", "vrex", "group_dr
 def write(name: str, found: Found, folder: Path) -> list[Path]:
     """Write tables and figures of a benchmark into ``folder``; returns their paths."""
     texts = [seed_tables.markdown(part, results) for part, results in found]
-    written = []
-    if name == "spurious":
-        part, results = found[0]
-        texts.insert(1, seed_tables.against_published(part, results))
-        chosen = source_selection.left_out(PLAIN[2:], _first_domain(part))
-        texts.insert(2, source_selection.markdown(chosen))
-        for metric, file in (("ADE", "ade.svg"), (f"JADE_{SAMPLES}", f"jade_{SAMPLES}.svg")):
-            figures.error_over_alpha(part, results, metric, folder / file)
-            written.append(folder / file)
-        figures.one_scene(part, DRAWN, folder / "scene.svg")
-        written.append(folder / "scene.svg")
-    else:
-        texts.append(seed_tables.original_beside_published(found))
+    more, written = REPORTS[name](found, folder)
     path = folder / "tables.md"
-    write_atomic(path, ("\n\n".join(texts) + "\n").encode())
+    write_atomic(path, ("\n\n".join(texts[:1] + more + texts[1:]) + "\n").encode())
     return [path, *written]
+
+
+def _spurious(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+    part, results = found[0]
+    texts = [seed_tables.against_published(part, results)]
+    texts.append(source_selection.markdown(source_selection.left_out(PLAIN[2:], _first_domain(part))))
+    paths = [folder / "ade.svg", folder / f"jade_{SAMPLES}.svg", folder / "scene.svg"]
+    for metric, path in zip(("ADE", f"JADE_{SAMPLES}"), paths, strict=False):
+        figures.error_over(part, results, metric, path, "alpha (trained with 1 to 8)", log=True)
+    figures.one_scene(part, DRAWN, paths[2])
+    return texts, paths
+
+
+def _original(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+    return [seed_tables.original_beside_published(found)], []
+
+
+def _style(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+    part, results = found[0]
+    texts = [style_report.beside_published(found), style_report.claims(part, results)]
+    path = folder / "ade.svg"
+    figures.error_over(part, results, "ADE", path, "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
+    curves = folder / "references.svg"
+    texts.append(style_report.by_references(part, curves))
+    return texts, [path, curves]
+
+
+REPORTS = {"spurious": _spurious, "original": _original, "style": _style}
+"""What each benchmark has besides the tables of its parts: further tables, after the first one, and figures."""
 
 
 def _first_domain(part: Part) -> Domain:
@@ -43,6 +60,6 @@ def _first_domain(part: Part) -> Domain:
 
 def short(name: str, found: Found) -> str:
     """The table for a README."""
-    if name == "spurious":
-        return seed_tables.short(*found[0])
-    return seed_tables.original_beside_published(found)
+    if name == "original":
+        return seed_tables.original_beside_published(found)
+    return seed_tables.short(*found[0])

@@ -51,6 +51,9 @@ class Part:
         plain: Rows that are not trained, or are fitted to the sources at once.
         trained: Rows with weights.
         weights: Name of the weights of the trained rows.
+        protocol: Protocol of every run.
+        references: Reference scenes that a predictor with a style is shown; None for all.
+        pooled: Further columns, each the mean of some columns.
     """
 
     title: str
@@ -58,6 +61,9 @@ class Part:
     plain: Sequence[str]
     trained: Sequence[str] = ()
     weights: str = ""
+    protocol: str = "honest"
+    references: int | None = None
+    pooled: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def runs(self) -> Iterator[tuple[str, str]]:
         """Predictor and domain of every run."""
@@ -120,6 +126,19 @@ def _alphas(place: str, more: str = "") -> dict[str, str]:
 
 PLAIN = ("constant_velocity", "linear", "linear:sigma=true", "linear:sigma=relative")
 
+STYLES = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+"""Distances d that predictors are tested with."""
+REFERENCES = 64
+"""Reference scenes that predictors with a style are shown in the tables."""
+STYLE_ROWS = ("style_erm", "style_invariant", "modular", "modular_invariant")
+
+
+def _styles(title: str, more: str, trained: Sequence[str], weights: str, **options: Any) -> Part:
+    domains = {str(d): f"orca:d={d}{more}" for d in STYLES}
+    plain = ("constant_velocity", "linear", "orca_oracle")
+    return Part(title, domains, plain, trained, weights, pooled={"IID": ("0.1", "0.3", "0.5")}, **options)
+
+
 BENCHMARKS: dict[str, tuple[Part, ...]] = {
     "spurious": (
         Part(
@@ -159,6 +178,10 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
         )
         for place in PLACES
     ),
+    "style": (
+        _styles("Style shift: trained with d = 0.1, 0.3, 0.5", "", STYLE_ROWS, "style", references=REFERENCES),
+        _styles("The same by the published protocol", "", STYLE_ROWS, "style", protocol="paper"),
+    ),
 }
 """Parts of every benchmark by its name."""
 
@@ -186,7 +209,16 @@ def run(name: str, folder: Path, report: Callable[[int, int, str], None] = lambd
         scored = []
         for predictor, domain in runs:
             report(done, total, f"{predictor} on {domain}")
-            scored.append(results.run(predictor, places[domain], folder, k=SAMPLES))
+            scored.append(
+                results.run(
+                    predictor,
+                    places[domain],
+                    folder,
+                    k=SAMPLES,
+                    protocol=part.protocol,
+                    references=part.references,
+                )
+            )
             done += 1
         found.append((part, scored))
     return found
@@ -199,11 +231,17 @@ def read(name: str, folder: Path) -> Found:
         SpecError: there is no such benchmark.
         DataError: a run is missing.
     """
-    there = {(r["predictor"], r["identity"]["domain"]): r for r in results.read_folder(folder)}
+    there = {
+        (r["predictor"], r["identity"]["domain"], r["protocol"], r["identity"]["references"]): r
+        for r in results.read_folder(folder)
+    }
     found = []
     for part in parts(name):
-        keys = [(predictor, results.domain_key(catalog.domain(domain))) for predictor, domain in part.runs()]
-        missing = [f"{predictor} on {domain}" for predictor, domain in keys if (predictor, domain) not in there]
+        keys = [
+            (predictor, results.domain_key(catalog.domain(domain)), part.protocol, part.references)
+            for predictor, domain in part.runs()
+        ]
+        missing = [f"{key[0]} on {key[1]}" for key in keys if key not in there]
         if missing:
             raise DataError(f"{folder} has no result of {missing[0]}: motion-gym run {name} --out {folder.parent}")
         found.append((part, [there[key] for key in keys]))

@@ -133,6 +133,7 @@ def evaluate(
     k: int | None = None,
     protocol: str = "honest",
     seed: int = 0,
+    references: int | None = None,
     through: str = "arrays",
     **parameters: Any,
 ) -> Scorecard:
@@ -146,6 +147,8 @@ def evaluate(
         k: Number of samples; by default 1 (``honest``) or 20 (``paper``).
         protocol: ``honest`` or ``paper``, see ``PROTOCOLS``.
         seed: Seed of the samples, and of the fit.
+        references: Reference scenes that a predictor with ``observe`` is shown under ``honest``, the first ones of the
+            domain; None for all.
         through: ``arrays`` asks for all windows at once; ``environment`` steps the PettingZoo environment. The scores
             are the same for every predictor whose forecasts do not depend on the batch.
         **parameters: Parameters of the domain.
@@ -174,9 +177,9 @@ def evaluate(
     leaking = observes and protocol == "paper"
     if leaking and through == "environment":
         raise SpecError("The paper protocol shows a predictor the batch it forecasts: use through='arrays'.")
-    references = 0
+    shown = 0
     if observes and protocol == "honest":
-        reference = place.reference()
+        reference = _first_references(place, references)
         shared = _shared_agents(reference, truth)
         if shared:
             raise SpecError(
@@ -184,7 +187,7 @@ def evaluate(
                 f"`{split}`: the honest protocol scores only what a predictor was not shown. Score another split."
             )
         tell(made, reference)
-        references = reference.observation.scenes
+        shown = reference.observation.scenes
     began = time.perf_counter()
     if leaking:
         forecast = _by_leaking_batches(made, truth, k, seed)
@@ -215,12 +218,25 @@ def evaluate(
         leaks=_leaks(card, leaking, getattr(made, "trained_on", ()), type(place)),
         scored=_scored(truth),
         selection=getattr(made, "selection", UNSTATED),
-        reference_scenes=references,
+        reference_scenes=shown,
         seconds=seconds,
         peak_memory=_peak_memory(),
         values=values,
         truth=truth,
     )
+
+
+def _first_references(domain: Domain, most: int | None) -> Truth:
+    reference = domain.reference()
+    if most is None:
+        return reference
+    most = catalog.whole_number("references", most, 0, 10**9)
+    if most > reference.observation.scenes:
+        raise SpecError(
+            f"`references={most}`: {domain.card.name} has {reference.observation.scenes} reference scenes. Ask for at "
+            "most as many."
+        )
+    return pick_scenes(reference, slice(0, most))
 
 
 def default_k(protocol: str) -> int:

@@ -23,34 +23,57 @@ SCENE_ALPHAS = (1, 8, 64)
 """Alphas of the figure of one scene."""
 
 
-def error_over_alpha(part: Part, results: Sequence[Mapping[str, Any]], metric: str, path: Path) -> None:
-    """Mean error over seeds by alpha, with a band of one standard deviation.
+def error_over(
+    part: Part, results: Sequence[Mapping[str, Any]], metric: str, path: Path, label: str, log: bool
+) -> None:
+    """Mean error over seeds by a parameter of the domains, with a band of one standard deviation.
 
     Args:
-        part: A part whose domains are named by their alpha.
+        part: A part whose domains are named by the value of the parameter.
         results: Of its runs.
         metric: Name of the metric.
         path: Where the SVG goes.
+        label: The parameter, and what it was in training.
+        log: Whether its axis is logarithmic.
     """
     values = over_seeds(part, results, metric)
-    alphas = [float(name) for name in part.domains]
+    places = {name: float(name) for name in part.domains}
+    lines = {row: {places[name]: values[row, name] for name in places} for row in dict.fromkeys(r for r, _ in values)}
+    curves(lines, path, label, f"{metric}, metres", part.title, "log" if log else "linear")
+
+
+def curves(
+    lines: Mapping[str, Mapping[float, np.ndarray]], path: Path, x_label: str, y_label: str, title: str, scale: str
+) -> None:
+    """A line for each row through the means over seeds, with a band of one standard deviation.
+
+    Args:
+        lines: Values of the seeds, by row and place on the x axis.
+        path: Where the SVG goes.
+        x_label: Of the x axis.
+        y_label: Of the y axis.
+        title: Above the figure.
+        scale: Of the x axis: ``linear``, ``log``, or ``symlog``, which has a place for 0.
+    """
     figure = Figure(figsize=(8, 4.8), layout="constrained")
     axes = figure.subplots()
     colors = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
-    for color, row in zip(colors, dict.fromkeys(row for row, _ in values), strict=False):
-        columns = [values[row, name] for name in part.domains]
+    for color, (row, points) in zip(colors, lines.items(), strict=False):
+        places, columns = list(points), list(points.values())
         mean, spread = (
             np.array([c.mean() for c in columns]),
             np.array([c.std(ddof=1) if len(c) > 1 else 0 for c in columns]),
         )
         dashed = len(columns[0]) == 1
-        axes.plot(alphas, mean, "--" if dashed else "o-", color=color, label=row, markersize=4, linewidth=1.4)
-        axes.fill_between(alphas, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
-    axes.set_xscale("log", base=2)
-    axes.set_xticks(alphas, list(part.domains))
-    axes.set_xlabel("alpha (trained with 1 to 8)")
-    axes.set_ylabel(f"{metric}, metres")
-    axes.set_title(part.title, fontsize=10)
+        axes.plot(places, mean, "--" if dashed else "o-", color=color, label=row, markersize=4, linewidth=1.4)
+        axes.fill_between(places, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
+    if scale != "linear":
+        axes.set_xscale(scale, base=2)
+    ticks = sorted({place for points in lines.values() for place in points})
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.set_title(title, fontsize=10)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     _write(figure, path)

@@ -28,6 +28,8 @@ from motion_gym.storage import write_atomic
 
 PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
 SCHEMA = 1
+IDENTIFIED = ("predictor", "domain", "split", "protocol", "k", "seed", "references")
+"""What tells runs apart, besides code, data and versions."""
 
 
 def run(
@@ -39,6 +41,7 @@ def run(
     k: int | None = None,
     protocol: str = "honest",
     seed: int = 0,
+    references: int | None = None,
 ) -> dict[str, Any]:
     """Evaluate, or read the result of the same run from ``folder`` if it is there.
 
@@ -50,7 +53,7 @@ def run(
     """
     k = default_k(protocol) if k is None else k
     canonical = json.dumps(
-        _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed),
+        _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed, references),
         sort_keys=True,
         default=str,
     )
@@ -63,7 +66,7 @@ def run(
         if found["identity"] != identity:
             raise DataError(f"{path} is the result of another run. Delete or move it, and run the command again.")
         return found
-    card = evaluate(predictor, domain, split=split, k=k, protocol=protocol, seed=seed)
+    card = evaluate(predictor, domain, split=split, k=k, protocol=protocol, seed=seed, references=references)
     result = {
         "schema": SCHEMA,
         **card.as_dict(),
@@ -126,7 +129,7 @@ def read_folder(folder: Path) -> list[dict[str, Any]]:
         raise DataError(f"There is no result in {folder}. Make some: motion-gym score ... --out {folder}")
     found: dict[tuple[Any, ...], dict[str, Any]] = {}
     for result in map(read, paths):
-        key = tuple(result["identity"][name] for name in ("predictor", "domain", "split", "protocol", "k", "seed"))
+        key = tuple(result["identity"].get(name) for name in IDENTIFIED)
         if key not in found or found[key]["finished"] <= result["finished"]:
             found[key] = result
     return list(found.values())
@@ -178,7 +181,14 @@ def domain_key(domain: Domain) -> str:
 
 
 def _identity(
-    made: Predictor, predictor: str, domain: Domain, split: str, k: int, protocol: str, seed: int
+    made: Predictor,
+    predictor: str,
+    domain: Domain,
+    split: str,
+    k: int,
+    protocol: str,
+    seed: int,
+    references: int | None,
 ) -> Mapping[str, Any]:
     card = domain.card
     return {
@@ -193,6 +203,7 @@ def _identity(
         "k": k,
         "protocol": protocol,
         "seed": seed,
+        "references": references,
         "motion_gym": versions()["motion-gym"],
         "motion_gym_code": package_code(),
     }

@@ -29,19 +29,23 @@ def row_of(result: Result) -> str:
 
 
 def over_seeds(part: Part, results: Sequence[Result], metric: str) -> dict[tuple[str, str], np.ndarray]:
-    """Values of the seeds by row and column."""
-    columns = {domain_key(catalog.domain(spec)): name for name, spec in part.domains.items()}
+    """Values of the seeds by row and column, the pooled columns included."""
+    names = {domain_key(catalog.domain(spec)): name for name, spec in part.domains.items()}
     found: dict[tuple[str, str], list[float]] = {}
     for result in results:
-        key = row_of(result), columns[result["identity"]["domain"]]
+        key = row_of(result), names[result["identity"]["domain"]]
         found.setdefault(key, []).append(result["metrics"][metric]["mean"])
+    for row in dict.fromkeys(row for row, _ in found):
+        for name, columns in part.pooled.items():
+            found[row, name] = np.mean([found[row, column] for column in columns], axis=0).tolist()
     return {key: np.array(values) for key, values in found.items()}
 
 
 def markdown(part: Part, results: Sequence[Result]) -> str:
     """Tables of one part: for each way to score, a row for each method and a column for each domain."""
     lines = [f"### {part.title}", ""]
-    for title, (ade, fde) in SCORES.items():
+    several = any(result["samples"] > 1 for result in results)
+    for title, (ade, fde) in list(SCORES.items())[: None if several else 1]:
         lines += [f"**{ade} / {fde}** ({title}), metres, mean ± standard error over seeds", ""]
         lines += _table(part, results, ade, fde)
         lines.append("")
@@ -55,14 +59,14 @@ def short(part: Part, results: Sequence[Result]) -> str:
 
 
 def _table(part: Part, results: Sequence[Result], ade: str, fde: str | None = None) -> list[str]:
-    lines = [f"| method | {' | '.join(part.domains)} | seeds |", f"|---|{'---|' * len(part.domains)}---|"]
+    columns = [*part.pooled, *part.domains]
+    lines = [f"| method | {' | '.join(columns)} | seeds |", f"|---|{'---|' * len(columns)}---|"]
     ades, fdes = over_seeds(part, results, ade), over_seeds(part, results, fde or ade)
-    columns = list(part.domains)
     for row in dict.fromkeys(row for row, _ in ades):
         cells = []
         for column in columns:
-            cell = _spread(ades[row, column])
-            cells.append(cell if fde is None else f"{cell} / {_spread(fdes[row, column])}")
+            cell = spread(ades[row, column])
+            cells.append(cell if fde is None else f"{cell} / {spread(fdes[row, column])}")
         seeds = len(ades[row, columns[0]])
         lines.append(f"| `{row}` | {' | '.join(cells)} | {seeds if seeds > 1 else '-'} |")
     return lines
@@ -71,7 +75,12 @@ def _table(part: Part, results: Sequence[Result], ade: str, fde: str | None = No
 def notes(results: Sequence[Result]) -> list[str]:
     """What must be said of all cells."""
     first = results[0]
-    ade = first["metrics"]["ADE"]
+    counted = {
+        name: sorted({result["metrics"]["ADE"][name] for result in results})
+        for name in ("agent_windows", "agents", "scenes")
+    }
+    windows, agents, scenes = (f"{c[0]} to {c[-1]}" if len(c) > 1 else str(c[0]) for c in counted.values())
+    shown = max(result["reference_scenes"] for result in results)
     leaks = dict.fromkeys(leak for result in results for leak in result["leaks"])
     selections: dict[str, list[str]] = {}
     for result in results:
@@ -79,8 +88,9 @@ def notes(results: Sequence[Result]) -> list[str]:
         if row_of(result) not in rows:
             rows.append(row_of(result))
     return [
-        f"protocol {first['protocol']}; means over {ade['agent_windows']} agent-windows of {ade['agents']} agents in "
-        f"{ade['scenes']} scenes; {first['scored']}; intervals of every run are in its file",
+        f"protocol {first['protocol']}; means over {windows} agent-windows of {agents} agents in {scenes} scenes; "
+        f"{first['scored']}; intervals of every run are in its file",
+        *([f"those with a style read it from {shown} reference scenes"] if shown else []),
         *leaks,
         *(f"selection, {', '.join(rows)}: {text}" for text, rows in selections.items()),
     ]
@@ -108,7 +118,7 @@ def against_published(part: Part, results: Sequence[Result]) -> str:
                     continue
                 cell = gap = "-"
                 if ours is not None:
-                    cell = f"{_spread(ours)} / {_spread(fdes[row, str(alpha)])}"
+                    cell = f"{spread(ours)} / {spread(fdes[row, str(alpha)])}"
                     reference = (theirs or weights or (np.nan,))[0]
                     gap = f"{100 * (ours.mean() / reference - 1):+.0f} %"
                 there = "-" if weights is None else f"{number(weights[0])} / {number(weights[1])}"
@@ -132,7 +142,7 @@ def original_beside_published(found: Sequence[tuple[Part, Sequence[Result]]]) ->
         cells = []
         for place, (ades, fdes) in zip(places, tables, strict=True):
             key = (row, place)
-            cells.append(f"{_spread(ades[key])} / {_spread(fdes[key])}" if key in ades else "-")
+            cells.append(f"{spread(ades[key])} / {spread(fdes[key])}" if key in ades else "-")
         theirs = published.ORIGINAL.get(row)
         paper = "-" if theirs is None else f"{number(theirs[0])} / {number(theirs[1])}"
         lines.append(f"| `{row}` | {' | '.join(cells)} | {paper} |")
@@ -140,7 +150,8 @@ def original_beside_published(found: Sequence[tuple[Part, Sequence[Result]]]) ->
     return "\n".join([*lines, "", *(f"- {note}." for note in every)])
 
 
-def _spread(values: np.ndarray) -> str:
+def spread(values: np.ndarray) -> str:
+    """Mean ± standard error, or the one value."""
     if len(values) == 1:
         return number(float(values[0]))
     return f"{number(float(values.mean()))} ± {number(float(values.std(ddof=1) / np.sqrt(len(values))))}"
