@@ -65,4 +65,4 @@ STYLE: dict[str, dict[str, float]] = {
         "modular_invariant": (0.065, 0.069, 0.107, 0.156, 0.221),
     }.items()
 }
-"""The paper's table of style shifts: ADE, k = 1, means of 5 seeds; its modular rows read the style from scored scenes."""
+"""The paper's table of style shifts: ADE, k = 1, means of 5 seeds; the modular rows read it from scored scenes."""

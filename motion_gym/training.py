@@ -9,6 +9,7 @@ training that was killed and resumed gives what an uninterrupted one gives, bit 
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -38,12 +39,15 @@ class Stage:
         rates: Learning rate of Adam by the first part of a weight's name; ``""`` for the rest. Weights without a rate
             stay as they are.
         selects: Whether validation scores of this stage decide which weights are kept.
+        decays: Whether the learning rates fall from epoch to epoch, along a half cosine towards 0; the number of epochs
+            is then part of the configuration.
     """
 
     name: str
     epochs: int
     rates: Mapping[str, float]
     selects: bool = False
+    decays: bool = False
 
 
 class Program(Protocol):
@@ -192,6 +196,8 @@ class _Run:
         self.program, self.seeds, self.device = program, seeds, device
         rates = [dict(stage.rates) for stage in program.stages]
         config = {**program.config, "seeds": seeds, "rates": rates, "device": self.device.type}
+        if any(stage.decays for stage in program.stages):
+            config["decay_over"] = [stage.epochs if stage.decays else 0 for stage in program.stages]
         self.config = json.loads(json.dumps(config))
         self.weights = {k: v.to(device).requires_grad_() for k, v in program.initial(seeds).items()}
         self.state = program.state(len(seeds))
@@ -219,10 +225,12 @@ class _Run:
         began = time.perf_counter()
         index = self.stage()
         stage = self.program.stages[index]
-        if self.epoch == sum(s.epochs for s in self.program.stages[:index]):
+        before = sum(s.epochs for s in self.program.stages[:index])
+        if self.epoch == before:
             self.state = self.program.state(len(self.seeds))
+        decay = (1 + math.cos(math.pi * (self.epoch - before) / stage.epochs)) / 2 if stage.decays else 1.0
         for group, (name, value) in zip(self.adam.param_groups, self.weights.items(), strict=True):
-            group["lr"] = stage.rates.get(name.split(".")[0], stage.rates.get("", 0.0))
+            group["lr"] = decay * stage.rates.get(name.split(".")[0], stage.rates.get("", 0.0))
             value.requires_grad_(group["lr"] > 0)
         losses = []
         for loss in self.program.losses(self.weights, self.state, index, self.generators(0), self.epoch):

@@ -1,0 +1,143 @@
+"""Forecasters in the frame of each agent: without a style, and with the distance that agents keep as their style."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import torch
+
+from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
+from motion_gym.predictors import ego_network
+from motion_gym.predictors.ego_features import kept_distances, scenes_of
+from motion_gym.predictors.ego_training import EgoProgram, forecast
+from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
+from motion_gym.training import Progress, device_named
+from motion_gym.windows import pick_scenes_of
+
+AGENTS_AT_ONCE = 4000
+"""Agents of one forward pass, about, so that memory does not grow with the test set."""
+
+
+class EgoErm(Weighted):
+    """A network in each agent's own frame: a residual over constant velocity, a sum over neighbours, no style.
+
+    Turned, shifted or reordered scenes get turned, shifted or reordered forecasts. Any number of neighbours, none
+    included. Trained on the mean Euclidean distance. Deterministic.
+
+    Args:
+        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
+        seed: Which of the seeds that the weights hold; by default the first.
+    """
+
+    kind = "ego_erm"
+    shipped = "style"
+    networks: ClassVar[tuple[str, ...]] = ("plain",)
+
+    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
+        self.observed = np.zeros(2)
+        super().__init__(weights, seed)
+
+    def check(self, tensors: Weights, source: str) -> None:
+        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
+        check_shapes(tensors, ego_network.shapes(self.networks), source, {})
+
+    def fit(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        seed: int | Sequence[int] = 0,
+        *,
+        epochs: Sequence[int] = (15,),
+        agents: int = 256,
+        most: int | None = 9000,
+        names: Sequence[str] = (),
+        device: str = "cpu",
+        checkpoint: Path | None = None,
+        resume: bool = False,
+        every: int = 10,
+        report: Callable[[Progress], None] = lambda progress: None,
+    ) -> EgoErm:
+        """Train, all seeds in one pass.
+
+        Args:
+            train: Windows of each environment, complete ones.
+            validation: Windows that weights are selected on, of the same environments in the same order.
+            seed: Seed, or several.
+            epochs: Number of epochs, as a sequence of one.
+            agents: Agents of a step, of all environments together.
+            most: Scenes of each environment that are trained on; None for all.
+            names: Names of the domains of ``train``, for the card.
+            device: ``cpu`` or ``cuda``.
+            checkpoint: File of the checkpoints; None for none.
+            resume: Go on from the checkpoint if there is one.
+            every: Epochs from one checkpoint to the next.
+            report: Called after each epoch.
+
+        Returns:
+            Itself, with the weights of the best epoch of each seed.
+
+        Raises:
+            PredictorError: nothing to train on, environments without a style to read, or a loss that is not finite.
+            SpecError: the device is not there, or the checkpoint is of another configuration.
+        """
+        if len(epochs) != 1:
+            raise PredictorError(f"{self.name} has one stage: `epochs={tuple(epochs)}` needs one number.")
+        seeds = self.seeds_of(seed)
+        styled = "manoeuvre" in self.networks
+        place = device_named(device)
+        program = EgoProgram(train, validation, styled, epochs[0], agents, most, place, {"predictor": self.name})
+        self.train(
+            program,
+            seeds,
+            names=names,
+            device=device,
+            checkpoint=checkpoint,
+            resume=resume,
+            every=every,
+            report=report,
+        )
+        return self
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres.
+
+        Raises:
+            PredictorError: there are no weights.
+        """
+        weights = self._ready()
+        parts = [np.zeros((0, FUTURE, 2))]
+        per_scene = max(len(observation) // max(observation.scenes, 1), 1)
+        at_once = max(AGENTS_AT_ONCE // per_scene, 1)
+        for first in range(0, observation.scenes, at_once):
+            scenes, frame = scenes_of(pick_scenes_of(observation, slice(first, first + at_once)))
+            with torch.no_grad():
+                offsets = forecast(scenes.for_models(1), self.observed, weights)[0]
+            parts.append(frame.out_of(offsets.double().numpy()))
+        return Forecast(np.concatenate(parts)[:, None].astype(np.float32))
+
+
+class EgoModular(EgoErm):
+    """The same, with a style: the distance that agents keep when they could have come nearer, a length.
+
+    It is read from pairs of agents in scenes that are observed over all 20 steps, as a running weighted mean. A
+    forecast is how agents who keep that distance leave their undisturbed courses, affine in it; without anything
+    observed it is that of a network without a style. It assumes that styles are about distance.
+
+    Args:
+        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
+        seed: Which of the seeds that the weights hold; by default the first.
+    """
+
+    kind = "ego_modular"
+    networks = ("plain", "manoeuvre")
+
+    def observe(self, truth: Truth) -> None:
+        """Read the style from pairs of agents whose 20 steps are all known."""
+        self.observed = self.observed + kept_distances(truth).sum(axis=0)
+
+    def reset(self) -> None:
+        """Forget all that was observed."""
+        self.observed = np.zeros(2)
