@@ -118,7 +118,7 @@ class EgoProgram:
                 drawn[number, draw] = evidence[rng.choice(len(evidence), min(SHOWN, len(evidence)), replace=False)].sum(
                     0
                 )
-        if not drawn[..., 0].all():
+        if (drawn[..., 0] < TRUST).any():
             raise PredictorError(
                 "In some training environment nobody keeps a distance from anybody, so that there is no style to read: "
                 "train `ego_erm`."

@@ -1,0 +1,142 @@
+"""The paper's two-agent network, with and without a style."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+import motion_gym as mg
+from motion_gym.contract import PredictorError, SpecError
+from motion_gym.domains import training_set
+from motion_gym.predictors.modular import Modular, ModularInvariant, StyleErm, StyleInvariant
+from motion_gym.windows import pick_scenes
+
+SHORT = (2, 1, 1, 2)
+OPTIONS = {"scenes": 16}
+
+
+@pytest.fixture(scope="module")
+def data():
+    return training_set(mg.domain("orca", scenes=70))
+
+
+@pytest.fixture(scope="module")
+def modular(data):
+    return Modular().fit(*data, [0, 1], epochs=SHORT, **OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return mg.domain("orca:d=0.6,scenes=70").reference()
+
+
+def test_training_lowers_the_error_of_every_kind(data):
+    for kind in (StyleErm, StyleInvariant):
+        made = kind().fit(*data, [0, 1], epochs=(8,), **OPTIONS)
+        scores = [np.mean(entry["score"]) for entry in made.card["curve"]]
+        assert scores[-1] < 0.6 * scores[0]
+
+
+def test_the_scene_encoder_is_frozen_after_the_first_stage(data, modular):
+    longer = Modular().fit(*data, [0, 1], epochs=(2, 2, 2, 3), **OPTIONS)
+    for name, value in longer.stacked.items():
+        part = name.split(".")[0]
+        assert torch.equal(value, modular.stacked[name]) == (part == "encoder" or name == "prior.dt")
+
+
+def test_stages_train_their_own_parts_alone(data):
+    early = Modular().fit(*data, 0, epochs=(1, 0, 0, 1), **OPTIONS).card
+    assert [entry["stage"] for entry in early["curve"]] == ["forecast", "forecast in style"]
+    assert "trained for 1/0/0/1 epochs" in early["selection"]
+
+
+def test_a_killed_training_resumes_to_the_same_weights(data, modular, tmp_path):
+    class Killed(Exception):
+        pass
+
+    def report(progress):
+        if progress.epoch == 5:
+            raise Killed
+
+    path = tmp_path / "a.checkpoint"
+    with pytest.raises(Killed):
+        Modular().fit(*data, [0, 1], epochs=SHORT, checkpoint=path, every=2, report=report, **OPTIONS)
+    resumed = Modular().fit(*data, [0, 1], epochs=SHORT, checkpoint=path, every=2, resume=True, **OPTIONS)
+    assert all(torch.equal(value, modular.stacked[name]) for name, value in resumed.stacked.items())
+
+
+def test_a_style_is_the_running_average_of_what_was_observed(modular, reference):
+    made, other = Modular(), Modular()
+    for each in (made, other):
+        each.use(modular.stacked, modular.card)
+    seen = mg.domain("orca:scenes=30").windows("test").observation
+    fresh = made.predict(seen).positions
+    made.observe(reference)
+    for index in (range(20, reference.observation.scenes), range(20)):
+        other.observe(pick_scenes(reference, list(index)))
+    assert made.scenes == other.scenes == reference.observation.scenes
+    np.testing.assert_allclose(made.predict(seen).positions, other.predict(seen).positions, atol=1e-5)
+    assert np.abs(made.predict(seen).positions - fresh).max() > 1e-4
+    made.reset()
+    np.testing.assert_array_equal(made.predict(seen).positions, fresh)
+
+
+def test_scenes_that_are_not_known_to_the_end_tell_no_style(modular, reference):
+    made = Modular()
+    made.use(modular.stacked, modular.card)
+    known = reference.known.copy()
+    known[::2, -1] = False
+    made.observe(dataclasses.replace(reference, known=known))
+    assert made.scenes == 0
+    known[:4] = True
+    made.observe(dataclasses.replace(reference, known=known))
+    assert made.scenes == 2
+
+
+def test_steps_of_another_length_tell_no_style(modular, reference):
+    other = dataclasses.replace(reference, observation=dataclasses.replace(reference.observation, dt=0.1))
+    made = Modular()
+    made.use(modular.stacked, modular.card)
+    with pytest.raises(PredictorError, match=r"steps of 0.4 s, and was shown scenes with steps of 0.1 s"):
+        made.observe(other)
+
+
+def test_scenes_of_another_number_of_agents_are_refused(modular):
+    three = mg.domain("orca:agents=3,scenes=20")
+    for call in (
+        lambda: modular.predict(three.windows("test").observation),
+        lambda: modular.observe(three.reference()),
+    ):
+        with pytest.raises(PredictorError, match=r"exactly 2 agents, and there is one of 3"):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "error", "reason"),
+    [
+        (Modular, {"epochs": (1,)}, PredictorError, "has 4 stages"),
+        (StyleErm, {"epochs": (1, 1, 1, 1)}, PredictorError, "has 1 stages"),
+        (StyleErm, {"epochs": (1, 1)}, SpecError, "must be one number for a network without style"),
+        (StyleErm, {"epochs": (0,)}, SpecError, "at least one epoch in the last stage"),
+        (StyleErm, {"epochs": (1,), "scenes": 100}, PredictorError, "a step takes 100 of each"),
+    ],
+)
+def test_what_makes_no_training_is_refused(data, kind, options, error, reason):
+    with pytest.raises(error, match=reason):
+        kind().fit(*data, 0, **options)
+
+
+@pytest.mark.parametrize("kind", [Modular, ModularInvariant, StyleInvariant])
+def test_one_environment_is_refused_where_several_are_compared(data, kind):
+    one = [part[:1] for part in data]
+    with pytest.raises(PredictorError, match="has one alone"):
+        kind().fit(*one, 0, **OPTIONS)
+    assert StyleErm().fit(*one, 0, epochs=(1,), **OPTIONS).card["validation_ade"][0] < 5
+
+
+def test_weights_without_a_style_are_not_those_of_a_modular_network(data, tmp_path):
+    path = tmp_path / "erm.safetensors"
+    StyleErm().fit(*data, 0, epochs=(1,), **OPTIONS).save(path)
+    with pytest.raises(PredictorError, match=r"another model: it lacks .*modulator"):
+        Modular(path)
