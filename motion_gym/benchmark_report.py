@@ -42,7 +42,7 @@ def _original(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
 
 def _style(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
     part, results = found[0]
-    texts = [style_report.beside_published(found), style_report.claims(part, results)]
+    texts = [style_report.beside_published(found), style_report.claims(found)]
     path = folder / "ade.svg"
     figures.error_over(part, results, "ADE", path, "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
     curves = folder / "references.svg"

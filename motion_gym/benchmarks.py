@@ -130,13 +130,19 @@ STYLES = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances d that predictors are tested with."""
 REFERENCES = 64
 """Reference scenes that predictors with a style are shown in the tables."""
-STYLE_ROWS = ("style_erm", "style_invariant", "modular", "modular_invariant")
+EGO = ("ego_erm", "ego_modular")
 
 
-def _styles(title: str, more: str, trained: Sequence[str], weights: str, **options: Any) -> Part:
+def _styles(
+    title: str,
+    trained: Sequence[str],
+    weights: str,
+    more: str = "",
+    plain: Sequence[str] = ("orca_oracle",),
+    **how: Any,
+) -> Part:
     domains = {str(d): f"orca:d={d}{more}" for d in STYLES}
-    plain = ("constant_velocity", "linear", "orca_oracle")
-    return Part(title, domains, plain, trained, weights, pooled={"IID": ("0.1", "0.3", "0.5")}, **options)
+    return Part(title, domains, plain, trained, weights, pooled={"IID": ("0.1", "0.3", "0.5")}, **how)
 
 
 BENCHMARKS: dict[str, tuple[Part, ...]] = {
@@ -179,8 +185,27 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
         for place in PLACES
     ),
     "style": (
-        _styles("Style shift: trained with d = 0.1, 0.3, 0.5", "", STYLE_ROWS, "style", references=REFERENCES),
-        _styles("The same by the published protocol", "", STYLE_ROWS, "style", protocol="paper"),
+        _styles(
+            "Style shift: trained with d = 0.1, 0.3, 0.5",
+            ("style_erm", "style_invariant", "modular", "modular_invariant", *EGO),
+            "style",
+            plain=("constant_velocity", "linear", "orca_oracle"),
+            references=REFERENCES,
+        ),
+        _styles(
+            "Those with a style by the published protocol",
+            ("modular", "modular_invariant", "ego_modular"),
+            "style",
+            protocol="paper",
+        ),
+        _styles(
+            "Blind: on a circle of 7 m agents meet after the observed steps",
+            EGO,
+            "style/blind",
+            ",radius=7",
+            ("constant_velocity", "linear", "orca_oracle"),
+            references=REFERENCES,
+        ),
     ),
 }
 """Parts of every benchmark by its name."""
