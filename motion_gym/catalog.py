@@ -52,6 +52,7 @@ PREDICTORS = {
     "style_invariant": Entry("motion_gym.predictors.modular:StyleInvariant", "the same, trained with IRMv1"),
     "modular": Entry("motion_gym.predictors.modular:Modular", "two-agent network that reads a style from scenes"),
     "modular_invariant": Entry("motion_gym.predictors.modular:ModularInvariant", "the same, its encoder by IRMv1"),
+    "refine": Entry("motion_gym.predictors.refine:Refine", "around modular: refines each forecast towards the style"),
     "ego_erm": Entry("motion_gym.predictors.ego:EgoErm", "network in each agent's own frame, any neighbours, no style"),
     "ego_modular": Entry("motion_gym.predictors.ego:EgoModular", "the same, and the distance kept as its style"),
     "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),

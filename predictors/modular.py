@@ -13,7 +13,7 @@ from torch import Tensor
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors import pair_network
 from motion_gym.predictors.objectives import Erm, Irm, Objective
-from motion_gym.predictors.pair_network import CODE, Pairs
+from motion_gym.predictors.pair_network import AGENTS, CODE, Pairs
 from motion_gym.predictors.style_training import PLAIN, Schedule, StyleProgram
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
 from motion_gym.training import Progress, device_named
@@ -178,18 +178,44 @@ class Modular(StyleErm):
                 f"{self.name} reads styles from steps of {dt:.3g} s, and was shown scenes with steps of "
                 f"{truth.observation.dt:.3g} s: resample them, or train on such steps."
             )
-        whole = np.logical_and.reduceat(truth.known.all(axis=1), truth.observation.scene[:-1])
-        if not whole.any():
+        whole = self.whole_scenes(truth)
+        if whole is None:
             return
-        pairs = Pairs.of(pick_scenes(truth, np.flatnonzero(whole)))
         with torch.no_grad():
-            codes = pair_network.code(pairs.path, weights)[0]
+            codes = pair_network.code(Pairs.of(whole).path, weights)[0]
         self.observed = self.observed + codes.double().sum(dim=0).numpy()
         self.scenes += len(codes)
 
     def reset(self) -> None:
         """Forget all that was observed."""
         self.observed, self.scenes = np.zeros(CODE), 0
+
+    @staticmethod
+    def whole_scenes(truth: Truth) -> Truth | None:
+        """Those scenes whose 20 steps are all known; None if there are none."""
+        index = truth.observation.scene_index[~truth.known.all(axis=1)]
+        whole = np.setdiff1d(np.arange(truth.observation.scenes), index)
+        return pick_scenes(truth, whole) if len(whole) else None
+
+    def latent(self, observation: Observation) -> Tensor:
+        """Latent [1, S, 16] of each scene after the first modulation."""
+        weights = self._ready()
+        history = torch.tensor(pair_network.paired(observation)).flatten(1)
+        return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
+
+    def from_latent(self, latent: Tensor) -> Tensor:
+        """Displacements [1, S, 48], metres."""
+        weights = self._ready()
+        return pair_network.decode(latent, self._codes(weights), weights)
+
+    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
+        """Style embeddings [1, S, 8] of scenes that go on by displacements [1, S, 48]."""
+        weights = self._ready()
+        history = torch.tensor(pair_network.paired(observation))
+        steps = moves.view(-1, AGENTS, FUTURE, 2)
+        future = history[:, :, -1:] + steps.cumsum(dim=2)
+        whole = torch.cat([history, future], dim=2)
+        return pair_network.embed(pair_network.code((whole[:, 1] - whole[:, 0]).flatten(1), weights), weights)
 
     def _codes(self, weights: Weights) -> Tensor:
         """The running average."""

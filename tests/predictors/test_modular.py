@@ -7,9 +7,11 @@ import pytest
 import torch
 
 import motion_gym as mg
+from motion_gym.checks import predictor_problems
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.domains import training_set
 from motion_gym.predictors.modular import Modular, ModularInvariant, StyleErm, StyleInvariant
+from motion_gym.predictors.refine import Refine
 from motion_gym.windows import pick_scenes
 
 SHORT = (2, 1, 1, 2)
@@ -140,3 +142,42 @@ def test_weights_without_a_style_are_not_those_of_a_modular_network(data, tmp_pa
     StyleErm().fit(*data, 0, epochs=(1,), **OPTIONS).save(path)
     with pytest.raises(PredictorError, match=r"another model: it lacks .*modulator"):
         Modular(path)
+
+
+def test_refining_draws_a_forecast_towards_the_style_of_the_references(modular, reference):
+    made = Modular()
+    made.use(modular.stacked, modular.card)
+    seen = mg.domain("orca:scenes=60").windows("test").observation
+    refined = {steps: Refine(made, steps=steps, rate=0.02) for steps in (0, 3, 12)}
+    untouched = made.predict(seen).positions
+    likeness = {}
+    for steps, predictor in refined.items():
+        np.testing.assert_array_equal(predictor.predict(seen).positions, untouched)  # nothing observed yet
+        predictor.observe(reference)
+        with torch.no_grad():
+            positions = predictor.predict(seen).positions[:, 0]
+        path = np.concatenate([seen.xy[:, -1:], positions], axis=1)
+        moves = torch.tensor(np.diff(path, axis=1)).reshape(1, seen.scenes, -1)
+        embedded = made.embedded(seen, moves)[0].numpy()
+        likeness[steps] = (embedded @ predictor.towards).mean() / predictor.scenes
+    assert likeness[0] < likeness[3] < likeness[12]
+    made.observe(reference)
+    np.testing.assert_allclose(refined[0].predict(seen).positions, made.predict(seen).positions, atol=1e-6)
+    refined[12].reset()
+    np.testing.assert_array_equal(refined[12].predict(seen).positions, untouched)
+    assert all(torch.equal(value, refined[12].inner.tensors[name]) for name, value in made.tensors.items())
+
+
+def test_refining_keeps_the_contract_of_a_predictor(modular):
+    made = Modular()
+    made.use(modular.stacked, modular.card)
+    assert predictor_problems(Refine(made), domain=mg.domain("orca:scenes=40")) == []
+
+
+def test_what_cannot_be_refined_is_refused():
+    with pytest.raises(PredictorError, match="style_erm has no style encoder"):
+        Refine("style_erm")
+    with pytest.raises(SpecError, match="rate"):
+        Refine(Modular(), rate=0)
+    with pytest.raises(SpecError, match="steps"):
+        Refine(Modular(), steps=-1)

@@ -1,0 +1,147 @@
+"""Test-time refinement: a forecast is corrected until it looks as if it were of the style of the reference scenes."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym import catalog
+from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.predictors.style_loss import TEMPERATURE
+
+
+@runtime_checkable
+class Refinable(Protocol):
+    """What a predictor needs for its forecasts to be refined; scenes are S, a latent has C values."""
+
+    def latent(self, observation: Observation) -> Tensor:
+        """Latent [1, S, C] of each scene, in the style observed so far."""
+        ...
+
+    def from_latent(self, latent: Tensor) -> Tensor:
+        """Displacements [1, S, agents * 24] that a latent stands for."""
+        ...
+
+    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
+        """Style embeddings [1, S, 8] of unit length of observed scenes that go on by such displacements."""
+        ...
+
+    def observe(self, truth: Truth) -> None:
+        """Read the style from reference scenes."""
+        ...
+
+    def reset(self) -> None:
+        """Forget them."""
+        ...
+
+    def whole_scenes(self, truth: Truth) -> Truth | None:
+        """The scenes that a style can be read from; None if there are none."""
+        ...
+
+
+class Refine:
+    """A predictor around one with a style encoder, that refines each of its forecasts (the paper's section 3.3).
+
+    The style embedding of a forecast is drawn towards those of the reference scenes by a few steps of Adam on the
+    latent of each scene: what is minimised is minus the mean scalar product of the two, over the temperature of the
+    style loss. Weights are never touched, and with no reference scenes there is nothing to refine towards.
+
+    Args:
+        of: Name of a predictor with a style encoder, or such a predictor; a copy of it is used.
+        steps: Number of steps, 0 or more.
+        rate: Learning rate.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
+
+    Raises:
+        PredictorError: the predictor has no style encoder.
+    """
+
+    def __init__(
+        self,
+        of: Any = "modular_invariant",
+        steps: int = 3,
+        rate: float = 1e-3,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+    ):
+        if isinstance(of, str):
+            given = {"weights": weights, "seed": seed}
+            name, parameters = catalog.parse_spec(of)
+            known = {key: value for key, value in given.items() if value is not None}
+            of = catalog.predictor(catalog.format_spec(name, {**parameters, **known}))
+        if not isinstance(of, Refinable):
+            raise PredictorError(
+                f"{getattr(of, 'name', type(of).__name__)} has no style encoder, so that there is nothing to refine a "
+                "forecast by: use modular or modular_invariant."
+            )
+        if isinstance(rate, (bool, str)) or not 0 < rate < float("inf"):
+            raise SpecError(f"`rate={rate}` must be a number above 0.")
+        self.steps, self.rate = catalog.whole_number("steps", steps, 0, 10_000), float(rate)
+        self.inner: Any = copy.deepcopy(of)
+        self.towards = np.zeros(0)
+        self.scenes = 0
+
+    @property
+    def name(self) -> str:
+        """The predictor that is refined, and how."""
+        return f"refine:of={self.inner.name},steps={self.steps},rate={self.rate:g}"
+
+    @property
+    def selection(self) -> str:
+        """How the weights were selected; nothing is selected by refining."""
+        return str(self.inner.selection)
+
+    @property
+    def fingerprint(self) -> str:
+        """sha256 of the weights."""
+        return str(self.inner.fingerprint)
+
+    def observe(self, truth: Truth) -> None:
+        """Read the style, and the embeddings to refine towards, from scenes whose 20 steps are all known."""
+        self.inner.observe(truth)
+        whole = self.inner.whole_scenes(truth)
+        if whole is None:
+            return
+        path = np.concatenate([whole.observation.xy[:, -1:], whole.future], axis=1)
+        moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float32).reshape(1, whole.observation.scenes, -1)
+        with torch.no_grad():
+            embedded = self.inner.embedded(whole.observation, moves)[0].double().sum(dim=0).numpy()
+        self.towards = embedded + self.towards if len(self.towards) else embedded
+        self.scenes += whole.observation.scenes
+
+    def reset(self) -> None:
+        """Forget all that was observed."""
+        self.inner.reset()
+        self.towards, self.scenes = np.zeros(0), 0
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres.
+
+        Raises:
+            PredictorError: there are no weights, or the scenes are not such as the predictor takes.
+        """
+        with torch.no_grad():
+            latent = self.inner.latent(observation)
+        if self.scenes:
+            latent = self._refined(observation, latent.clone())
+        with torch.no_grad():
+            moves = self.inner.from_latent(latent)
+        offsets = moves.view(-1, FUTURE, 2).cumsum(dim=1).numpy()
+        return Forecast((observation.xy[:, -1:] + offsets)[:, None].astype(np.float32))
+
+    def _refined(self, observation: Observation, latent: Tensor) -> Tensor:
+        goal = torch.tensor(self.towards / self.scenes / TEMPERATURE, dtype=torch.float32)
+        with torch.enable_grad():
+            latent.requires_grad_()
+            adam = torch.optim.Adam([latent], lr=self.rate)
+            for _ in range(self.steps):
+                embedded = self.inner.embedded(observation, self.inner.from_latent(latent))
+                (latent.grad,) = torch.autograd.grad(-(embedded @ goal).sum(), [latent])
+                adam.step()
+        return latent.detach()
