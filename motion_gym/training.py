@@ -36,8 +36,8 @@ class Stage:
     Attributes:
         name: For the progress bar and the card.
         epochs: Number of epochs.
-        rates: Learning rate of Adam by the first part of a weight's name; ``""`` for the rest. Weights without a rate
-            stay as they are.
+        rates: Learning rate of Adam by a weight's name or the first part of it; ``""`` for the rest. Weights without a
+            rate stay as they are.
         selects: Whether validation scores of this stage decide which weights are kept.
         decays: Whether the learning rates fall from epoch to epoch, along a half cosine towards 0; the number of epochs
             is then part of the configuration.
@@ -108,8 +108,8 @@ class Trained:
     """What came out.
 
     Attributes:
-        weights: Of the best epoch of each seed, [M, ...], on the CPU.
-        score: [M] its validation score.
+        weights: Of the best epoch of each seed, [M, ...], on the CPU; of the last one if no stage selects.
+        score: [M] its validation score; infinite if no stage selects.
         epoch: [M] when it was.
         curve: Mean loss over seeds of each epoch, and the validation scores of the seeds where there are some.
         seconds: Of the whole training.
@@ -162,7 +162,8 @@ def train(
             report(run.step())
             if checkpoint is not None and (run.epoch % every == 0 or run.epoch == last):
                 run.save(checkpoint)
-    best = {name: value.cpu() for name, value in run.best.items()}
+    selected = run.best if any(stage.selects for stage in program.stages) else run.weights
+    best = {name: value.detach().cpu() for name, value in selected.items()}
     return Trained(best, run.score.tolist(), run.score_epoch.tolist(), run.curve, run.seconds)
 
 
@@ -230,7 +231,7 @@ class _Run:
             self.state = self.program.state(len(self.seeds))
         decay = (1 + math.cos(math.pi * (self.epoch - before) / stage.epochs)) / 2 if stage.decays else 1.0
         for group, (name, value) in zip(self.adam.param_groups, self.weights.items(), strict=True):
-            group["lr"] = decay * stage.rates.get(name.split(".")[0], stage.rates.get("", 0.0))
+            group["lr"] = decay * _rate(stage, name)
             value.requires_grad_(group["lr"] > 0)
         losses = []
         for loss in self.program.losses(self.weights, self.state, index, self.generators(0), self.epoch):
@@ -315,6 +316,10 @@ class _Run:
         self.state = content["state"].to(self.device)
         self.score, self.score_epoch = content["score"].cpu(), content["score_epoch"].cpu()
         self.epoch, self.seconds, self.curve = content["epoch"], content["seconds"], content["curve"]
+
+
+def _rate(stage: Stage, name: str) -> float:
+    return next((stage.rates[key] for key in (name, name.split(".")[0], "") if key in stage.rates), 0.0)
 
 
 def _short(value: Any) -> str:

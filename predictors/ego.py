@@ -124,7 +124,9 @@ class EgoModular(EgoErm):
 
     It is read from pairs of agents in scenes that are observed over all 20 steps, as a running weighted mean. A
     forecast is how agents who keep that distance leave their undisturbed courses, affine in it; without anything
-    observed it is that of a network without a style. It assumes that styles are about distance.
+    observed it is that of a network without a style. It assumes that styles are about distance, that the first observed
+    steps are free of others, and that neighbours act one by one: in crowds, where they do not, it is worse than
+    ``ego_erm`` and constant velocity.
 
     Args:
         weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.

@@ -64,6 +64,11 @@ class Pairs:
         """Some of the scenes."""
         return Pairs(self.history[index], self.moves[index], self.path[index])
 
+    def errors(self, moves: Tensor) -> Tensor:
+        """ADE [M, S, 2] of each agent, metres, of forecast displacements [M, S, 48]."""
+        off = (moves - self.moves).unflatten(-1, (AGENTS, FUTURE, 2)).cumsum(dim=-2)
+        return off.norm(dim=-1).mean(dim=-1)
+
 
 def paired(observation: Observation) -> np.ndarray:
     """Positions [S, 2, 8, 2] of scenes of two agents.

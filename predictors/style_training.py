@@ -201,8 +201,6 @@ class StyleProgram:
             codes = None
             if self.styled:
                 codes = pair_network.code(seen.path[: self.schedule.scenes], weights).mean(dim=1, keepdim=True)
-            off = pair_network.forecast(pairs.history, codes, weights) - pairs.moves
-            errors = off.unflatten(-1, (AGENTS, FUTURE, 2)).cumsum(dim=-2).norm(dim=-1).mean(dim=-1)
-            total += errors.sum(dim=(1, 2))
+            total += pairs.errors(pair_network.forecast(pairs.history, codes, weights)).sum(dim=(1, 2))
             count += AGENTS * len(pairs)
         return total / count
