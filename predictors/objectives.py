@@ -15,6 +15,10 @@ from torch import Tensor
 from motion_gym.contract import SpecError
 
 
+RELEASED_SCENES = 64
+"""Scenes of a step of the released program, all of one environment."""
+
+
 @dataclass(frozen=True)
 class Risks:
     """Risks of E environments in one step, for M models.
@@ -100,7 +104,9 @@ class Irm(_Stateless):
     """Risks, and for each environment a penalty on the squared slope (the paper's Eq. 3; IRMv1, Arjovsky et al., 2019).
 
     Args:
-        penalty: Factor lambda of the penalty, >= 0.
+        penalty: Factor lambda of the penalty, >= 0, for sums over 64 scenes of an environment, as in the released
+            program. The penalty grows with their square, the risk with their number: where a step holds fewer scenes,
+            the factor is raised in proportion, so that lambda means the same.
         unbiased: Take the product of the slopes of the even and of the odd scenes, as the released program does by
             default, instead of the square of their sum. If the scenes are independent, as in shuffled steps, its mean
             is a quarter of the square of the mean slope, while noise in the slopes, which shrinking forecasts would
@@ -115,7 +121,8 @@ class Irm(_Stateless):
         """Losses [M]."""
         slope = risks.slope
         squared = slope[0] * slope[1] if self.unbiased else (slope[0] + slope[1]) ** 2
-        return (risks.value + self.penalty * squared).sum(dim=0)
+        factor = self.penalty * RELEASED_SCENES / risks.scenes[:, None]
+        return (risks.value + factor * squared).sum(dim=0)
 
 
 class VRex(_Stateless):

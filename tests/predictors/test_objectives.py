@@ -24,7 +24,7 @@ def test_risk_and_penalty_are_those_of_the_released_program(name):
     forecast = torch.from_numpy(golden[f"{name}/stage3"])[:, None]
     risks = risks_of(forecast, target, share, scene, torch.zeros_like(scene), torch.tensor([float(len(sizes))]))
     assert risks.value.item() == pytest.approx(float(golden[f"{name}/risk"]), rel=1e-5)
-    penalty = Irm(1.0, unbiased=False)(risks, EMPTY) - Erm()(risks, EMPTY)
+    penalty = Irm(len(sizes) / 64, unbiased=False)(risks, EMPTY) - Erm()(risks, EMPTY)
     assert penalty.item() == pytest.approx(float(golden[f"{name}/irm_penalty"]), rel=1e-5)
 
 
@@ -55,9 +55,8 @@ def test_slopes_are_the_derivatives_by_a_scale():
 def test_irm_adds_the_squared_slope_of_each_environment():
     risks, _ = some_risks()
     slope = risks.slope.sum(dim=0)
-    torch.testing.assert_close(
-        Irm(3.0, unbiased=False)(risks, EMPTY), risks.value.sum(dim=0) + 3 * (slope**2).sum(dim=0)
-    )
+    expected = risks.value.sum(dim=0) + (3 * 64 / risks.scenes[:, None] * slope**2).sum(dim=0)
+    torch.testing.assert_close(Irm(3.0, unbiased=False)(risks, EMPTY), expected)
     torch.testing.assert_close(Irm(0.0)(risks, EMPTY), Erm()(risks, EMPTY))
 
 
@@ -68,9 +67,17 @@ def test_the_unbiased_penalty_is_right_on_average():
     mean, trials = 0.3, 20_000
     halves = torch.from_numpy(rng.normal(8 * mean, np.sqrt(8), (2, 1, trials)))
     risks = Risks(torch.zeros(1, trials), halves, torch.tensor([16.0]))
-    assert Irm(1.0)(risks, EMPTY).mean().item() == pytest.approx((8 * mean) ** 2, rel=0.05)
-    squared = Irm(1.0, unbiased=False)(risks, EMPTY)
+    assert Irm(16 / 64)(risks, EMPTY).mean().item() == pytest.approx((8 * mean) ** 2, rel=0.05)
+    squared = Irm(16 / 64, unbiased=False)(risks, EMPTY)
     assert squared.mean().item() == pytest.approx((16 * mean) ** 2 + 16, rel=0.05)
+
+
+def test_lambda_means_the_same_with_fewer_scenes_in_a_step():
+    many = Risks(torch.full((1, 1), 8.0), torch.full((2, 1, 1), 3.0), torch.tensor([64.0]))
+    few = Risks(many.value / 4, many.slope / 4, many.scenes / 4)
+    for unbiased in (True, False):
+        objective = Irm(5.0, unbiased)
+        torch.testing.assert_close(4 * objective(few, EMPTY), objective(many, EMPTY))
 
 
 def test_vrex_penalises_differences_of_mean_risks_alone():
