@@ -40,7 +40,8 @@ results: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/motion-gym demo --out results/baselines && \
 	  $(BIN)/motion-gym table results/baselines --into README.md && \
 	  $(BIN)/motion-gym run spurious --into README.md && \
-	  $(BIN)/motion-gym run original --into README.md
+	  $(BIN)/motion-gym run original --into README.md && \
+	  $(BIN)/motion-gym run style --into README.md
 
 # Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.
 bench: $(VENV)/.ready

@@ -87,7 +87,7 @@ def run(
     Writes OUT/BENCHMARK/: one JSON file per run (a run that is there already is not run again), tables.md and figures.
 
     Args:
-        benchmark: spurious or original.
+        benchmark: spurious, original or style.
         out: Folder of all results.
         into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the short table into.
     """

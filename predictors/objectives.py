@@ -14,7 +14,6 @@ from torch import Tensor
 
 from motion_gym.contract import SpecError
 
-
 RELEASED_SCENES = 64
 """Scenes of a step of the released program, all of one environment."""
 
