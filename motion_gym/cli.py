@@ -40,6 +40,7 @@ def score(
     protocol: str = "honest",
     split: str = "test",
     seed: int = 0,
+    references: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     weights: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     out: Out = None,
 ) -> None:
@@ -54,6 +55,7 @@ def score(
         protocol: honest or paper.
         split: Split to score.
         seed: Seed of samples and fits.
+        references: Reference scenes that predictors with a style are shown; all by default.
         weights: Weights of those predictors that have some: a name, as spurious, or a .safetensors file.
         out: Folder for one JSON file per run; a run that is there already is not run again.
     """
@@ -67,7 +69,13 @@ def score(
         catalog.predictor(predictor)
     places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
     _score(
-        [(place, _between(predictors, place)) for place in places], out, k=k, protocol=protocol, split=split, seed=seed
+        [(place, _between(predictors, place)) for place in places],
+        out,
+        k=k,
+        protocol=protocol,
+        split=split,
+        seed=seed,
+        references=references,
     )
 
 

@@ -12,6 +12,11 @@ from rich.markup import escape
 from motion_gym import benchmarks, catalog, report
 from motion_gym.cli_output import progress_bar, say
 from motion_gym.contract import SpecError
+from motion_gym.storage import check_writable
+
+RELEASED = ("erm", "counterfactual", "invariant")
+"""Predictors that the paper's released program trains on ETH-UCY."""
+MOST_SEEDS = 1000
 
 
 def train(
@@ -20,7 +25,7 @@ def train(
     seeds: str = "0-4",
     device: str = "cpu",
     resume: bool = False,
-    epochs: Annotated[tuple[int, int, int] | None, tyro.conf.arg(metavar="INT INT INT")] = None,
+    epochs: Annotated[tuple[int, ...] | None, tyro.conf.arg(metavar="INT [INT ...]")] = None,
     every: int = 10,
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("weights"),
 ) -> None:
@@ -32,11 +37,11 @@ def train(
 
     Args:
         predictor: Name or spec, as erm or invariant:penalty=1.
-        benchmark: What to train for: spurious (test on eth), spurious/hotel, original/hotel, ...
+        benchmark: What to train for: spurious (test on eth), spurious/hotel, original/hotel, style, ...
         seeds: Seeds, as 0-4 or 0,2,5.
         device: cpu or cuda.
         resume: Go on from the last checkpoint; without it, one that is there is refused.
-        epochs: Epochs of the three stages; by default those of the benchmark.
+        epochs: Epochs of each stage of the predictor; by default those of the benchmark.
         every: Epochs from one checkpoint to the next.
         out: Folder for weights and checkpoints.
     """
@@ -48,8 +53,10 @@ def train(
     plan = benchmarks.training(benchmark)
     path = out / benchmark / weight_files.file_name(made.name)
     checkpoint = path.with_suffix(".checkpoint")
-    if checkpoint.exists() and not resume:
-        raise SpecError(f"{checkpoint} is there already: add --resume to go on, or delete it to start again.")
+    for there in (checkpoint, path):
+        if there.exists() and not resume:
+            raise SpecError(f"{there} is there already: add --resume to go on, or delete it to start again.")
+    check_writable(path.parent)
     options = {**plan.options, **({"epochs": epochs} if epochs else {})}
     with progress_bar() as progress:
         task = progress.add_task(made.name, total=None)
@@ -94,6 +101,8 @@ def run(
     from motion_gym import benchmark_report  # matplotlib takes a second
 
     folder = out / benchmark
+    if into is not None:
+        report.check_markers(into, benchmark)
     with progress_bar() as progress:
         task = progress.add_task(benchmark, total=None)
         found = benchmarks.run(
@@ -126,11 +135,13 @@ def import_weights(
         out: Where the weights go; by default beside the file, ending in .safetensors.
     """
     made: Any = catalog.predictor(predictor)
-    if not hasattr(made, "from_released"):
+    if getattr(made, "kind", "") not in RELEASED:
         raise SpecError(f"`{predictor}` has no weights of the released program: erm, counterfactual or invariant have.")
     target = out if out is not None else file.with_name(file.name.split(".pth")[0] + ".safetensors")
     if target.suffix != ".safetensors":
         raise SpecError(f"`--out {target}` must end in .safetensors.")
+    if target.exists():
+        raise SpecError(f"{target} is there already: choose another place with --out, or delete it.")
     made.from_released(file).save(target)
     say(f"Written: {target} and its card. Score it:")
     say(f"  motion-gym score {predictor} --weights {target} --domain eth:alpha=8 --k 20")
@@ -143,6 +154,8 @@ def _seeds(text: str) -> list[int]:
         first, dash, last = part.partition("-")
         if not first.strip().isdecimal() or (dash and not last.strip().isdecimal()):
             raise SpecError(f"`--seeds {text}` cannot be read: write 0-4, or 0,2,5.")
+        if int(last or first) - int(first) > MOST_SEEDS:
+            raise SpecError(f"`--seeds {text}` names more than {MOST_SEEDS} seeds: train fewer at a time.")
         found += range(int(first), int(last or first) + 1)
     if not found or len(set(found)) < len(found):
         raise SpecError(f"`--seeds {text}` must name at least one seed, and each once.")

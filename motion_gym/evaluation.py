@@ -168,6 +168,8 @@ def evaluate(
     k = default_k(protocol) if k is None else k
     k = catalog.whole_number("k", k, 1, MOST_SAMPLES)
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
+    if references is not None:
+        references = catalog.whole_number("references", references, 0, 10**9)
     place = catalog.domain(domain, **parameters)
     truth = windows_of_domain(place, split)
     if not len(truth.future):
@@ -230,7 +232,6 @@ def _first_references(domain: Domain, most: int | None) -> Truth:
     reference = domain.reference()
     if most is None:
         return reference
-    most = catalog.whole_number("references", most, 0, 10**9)
     if most > reference.observation.scenes:
         raise SpecError(
             f"`references={most}`: {domain.card.name} has {reference.observation.scenes} reference scenes. Ask for at "
@@ -312,7 +313,7 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
 
 def _leaks(card: Card, leaking: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
     leaks = []
-    if card.name in trained_on and getattr(kind, "tests_on_train", False):
+    if card.name in (catalog.parse_spec(spec)[0] for spec in trained_on) and getattr(kind, "tests_on_train", False):
         leaks.append(f"the weights were trained on windows of {card.name} that are scored here")
     if card.side_channels:
         leaks.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")

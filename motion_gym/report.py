@@ -73,7 +73,7 @@ def conditions(results: Sequence[Result]) -> list[str]:
         "95 % intervals by bootstrap of whole agents",
     ]
     shown = {r["predictor"]: r["reference_scenes"] for r in results if r["reference_scenes"]}
-    lines += [f"{name}: was shown reference scenes, disjoint from those scored" for name in shown]
+    lines += [f"{name}: was shown {n} reference scenes, disjoint from those scored" for name, n in shown.items()]
     single = dict.fromkeys(r["predictor"] for r in results if r["samples"] < r["k"])
     lines += [f"{', '.join(single)}: deterministic, one forecast stands for all {first['k']} samples"] if single else []
     selected: dict[str, dict[str, None]] = {}
@@ -142,6 +142,16 @@ def insert(path: Path, name: str, text: str) -> bool:
     Raises:
         DataError: the file has no such markers, or cannot be read.
     """
+    old, pattern = check_markers(path, name)
+    begin = BEGIN.format(name=name)
+    new = pattern.sub(lambda _: f"{begin}\n{text}\n{END}", old, count=1)
+    if new != old:
+        write_atomic(path, new.encode())
+    return new != old
+
+
+def check_markers(path: Path, name: str) -> tuple[str, re.Pattern[str]]:
+    """The text of a file, and what finds the part between the markers in it; DataError if it has none."""
     begin = BEGIN.format(name=name)
     try:
         old = path.read_text(encoding="utf-8")
@@ -150,10 +160,7 @@ def insert(path: Path, name: str, text: str) -> bool:
     pattern = re.compile(re.escape(begin) + r"\n(?:(?!<!-- results: ).)*?" + re.escape(END), re.DOTALL)
     if not pattern.search(old):
         raise DataError(f"{path} has no lines `{begin}` and `{END}` to put the table between: add them.")
-    new = pattern.sub(lambda _: f"{begin}\n{text}\n{END}", old, count=1)
-    if new != old:
-        write_atomic(path, new.encode())
-    return new != old
+    return old, pattern
 
 
 def _cell(result: Result) -> str:
@@ -162,7 +169,7 @@ def _cell(result: Result) -> str:
 
 
 def _options(result: Result) -> tuple[Any, ...]:
-    return result["split"], result["protocol"], result["k"]
+    return result["split"], result["protocol"], result["k"], result["identity"].get("references")
 
 
 def _by(results: Iterable[Result], key: Callable[[Result], Any]) -> list[list[Result]]:

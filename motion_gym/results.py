@@ -29,7 +29,7 @@ from motion_gym.storage import write_atomic
 PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
 SCHEMA = 1
 IDENTIFIED = ("predictor", "domain", "split", "protocol", "k", "seed", "references")
-"""What tells runs apart, besides code, data and versions."""
+"""Names of what ``key_of`` gives."""
 
 
 def run(
@@ -129,10 +129,15 @@ def read_folder(folder: Path) -> list[dict[str, Any]]:
         raise DataError(f"There is no result in {folder}. Make some: motion-gym score ... --out {folder}")
     found: dict[tuple[Any, ...], dict[str, Any]] = {}
     for result in map(read, paths):
-        key = tuple(result["identity"].get(name) for name in IDENTIFIED)
+        key = key_of(result)
         if key not in found or found[key]["finished"] <= result["finished"]:
             found[key] = result
     return list(found.values())
+
+
+def key_of(result: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What tells a run from others, besides code, data and versions."""
+    return tuple(result["identity"].get(name) for name in IDENTIFIED)
 
 
 def versions() -> dict[str, str]:
@@ -199,6 +204,7 @@ def _identity(
         "domain_code": _code(domain),
         "files": {**card.files, **_files(card.parameters)},
         "data": _digest(windows_of_domain(domain, split)),
+        "reference": _digest(domain.reference()) if hasattr(made, "observe") and protocol == "honest" else None,
         "split": split,
         "k": k,
         "protocol": protocol,

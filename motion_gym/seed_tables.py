@@ -49,13 +49,13 @@ def markdown(part: Part, results: Sequence[Result]) -> str:
         lines += [f"**{ade} / {fde}** ({title}), metres, mean ± standard error over seeds", ""]
         lines += _table(part, results, ade, fde)
         lines.append("")
-    return "\n".join(lines + [f"- {line}." for line in notes(results)])
+    return "\n".join(lines + [f"- {line}." for line in notes(part, results)])
 
 
 def short(part: Part, results: Sequence[Result]) -> str:
     """The ADE at k = 1 alone."""
     lines = [f"**{part.title}.** ADE in metres, k = 1, mean ± standard error over seeds", ""]
-    return "\n".join([*lines, *_table(part, results, "ADE"), "", *(f"- {line}." for line in notes(results))])
+    return "\n".join([*lines, *_table(part, results, "ADE"), "", *(f"- {line}." for line in notes(part, results))])
 
 
 def _table(part: Part, results: Sequence[Result], ade: str, fde: str | None = None) -> list[str]:
@@ -72,7 +72,7 @@ def _table(part: Part, results: Sequence[Result], ade: str, fde: str | None = No
     return lines
 
 
-def notes(results: Sequence[Result]) -> list[str]:
+def notes(part: Part, results: Sequence[Result]) -> list[str]:
     """What must be said of all cells."""
     first = results[0]
     counted = {
@@ -90,6 +90,7 @@ def notes(results: Sequence[Result]) -> list[str]:
     return [
         f"protocol {first['protocol']}; means over {windows} agent-windows of {agents} agents in {scenes} scenes; "
         f"{first['scored']}; intervals of every run are in its file",
+        *(f"{name}: mean of {', '.join(columns)}, each counting the same" for name, columns in part.pooled.items()),
         *([f"those with a style read it from {shown} reference scenes"] if shown else []),
         *leaks,
         *(f"selection, {', '.join(rows)}: {text}" for text, rows in selections.items()),
@@ -146,7 +147,7 @@ def original_beside_published(found: Sequence[tuple[Part, Sequence[Result]]]) ->
         theirs = published.ORIGINAL.get(row)
         paper = "-" if theirs is None else f"{number(theirs[0])} / {number(theirs[1])}"
         lines.append(f"| `{row}` | {' | '.join(cells)} | {paper} |")
-    every = dict.fromkeys(note for _, results in found for note in notes(results))
+    every = dict.fromkeys(note for part, results in found for note in notes(part, results))
     return "\n".join([*lines, "", *(f"- {note}." for note in every)])
 
 

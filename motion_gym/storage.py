@@ -9,6 +9,7 @@ import json
 import os
 import re
 import secrets
+import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -52,6 +53,10 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         StorageError: The file could not be written (disk full, no permission, ...).
     """
     path = Path(path)
+    if path.exists() and not path.is_file():
+        raise StorageError(
+            f"{path} is no regular file and would be replaced: choose another place. Nothing was changed."
+        )
     # In the same folder, because a rename is atomic only within one file system. Not mkstemp: it makes files
     # that no other user can read, which breaks shared data folders.
     temporary = path.parent / f".{path.name}.{secrets.token_hex(8)}.tmp"
@@ -74,6 +79,18 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
             failure.errno = error.errno
             raise failure from error
         raise
+
+
+def check_writable(folder: Path) -> None:
+    """Raise StorageError unless files can be written to a folder, or to one that would be made; nothing is left."""
+    there = next((place for place in (folder, *folder.absolute().parents) if place.exists()), Path("/"))
+    try:
+        with tempfile.TemporaryDirectory(dir=there):
+            pass
+    except OSError as error:
+        raise StorageError(
+            f"{folder} cannot be written to: {error.strerror or error} ({there}). Choose another folder."
+        ) from None
 
 
 def write_atomic(path: str | os.PathLike[str], content: bytes) -> None:

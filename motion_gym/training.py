@@ -241,6 +241,9 @@ class _Run:
             losses.append(loss.detach())
         table = torch.stack(losses).cpu()
         self._check(table, stage)
+        for name, value in self.weights.items():
+            finite = torch.isfinite(value.detach()).flatten(1).all(dim=1).cpu()
+            self._check(torch.where(finite, 0.0, torch.nan)[None], stage, f"weight {name}")
         entry: dict[str, Any] = {"epoch": self.epoch + 1, "stage": stage.name, "loss": float(table.mean())}
         score = None
         if stage.selects:
@@ -293,14 +296,12 @@ class _Run:
 
     def load(self, path: Path) -> None:
         """Go on from a checkpoint."""
+        damaged = f"{path} is no checkpoint, or is damaged. Delete it, and start again without --resume."
         try:
             content = torch.load(path, map_location="cpu", weights_only=True)
-            config = json.loads(content["config"])
-        except Exception as error:  # a damaged archive raises types of the library's own
-            raise SpecError(
-                f"{path} is no checkpoint, or is damaged ({str(error).splitlines()[0]}). Delete it, and start again "
-                "without --resume."
-            ) from None
+            config = dict(json.loads(content["config"]))
+        except Exception:  # of the library's own types; its text tells how to open the file unsafely
+            raise SpecError(damaged) from None
         if config != self.config:
             keys = sorted(k for k in {*config, *self.config} if config.get(k) != self.config.get(k))
             told = "; ".join(f"{k}: {_short(config.get(k))}, now {_short(self.config.get(k))}" for k in keys)
@@ -308,6 +309,19 @@ class _Run:
                 f"{path} is the checkpoint of another configuration ({told}). Train as before, choose another folder, "
                 "or start again without --resume."
             )
+        try:
+            self._take(content)
+        except Exception:
+            raise SpecError(damaged) from None
+
+    def _take(self, content: dict[str, Any]) -> None:
+        """Take the content of a checkpoint; whatever is raised means that it is damaged."""
+        for name, value in self.weights.items():
+            for kept in (content["weights"][name], content["best"][name]):
+                if kept.shape != value.shape or not torch.isfinite(kept).all():
+                    raise ValueError(name)
+        if content["score"].shape != self.score.shape or content["score"].isnan().any() or content["epoch"] < 1:
+            raise ValueError("score")
         with torch.no_grad():
             for name, value in self.weights.items():
                 value.copy_(content["weights"][name])

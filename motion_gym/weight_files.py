@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from torch import Tensor
 
 from motion_gym.catalog import suggest
 from motion_gym.contract import PredictorError
-from motion_gym.storage import write_atomic
+from motion_gym.storage import StorageError, atomic_file, write_atomic
 
 SHIPPED = Path(__file__).parent / "weights"
 """Folder of the weights that come with the package: a folder for each benchmark, a file for each of its rows."""
@@ -31,19 +32,19 @@ def locate(weights: str, row: str) -> Path:
         PredictorError: there is no such file.
     """
     if weights.endswith(".safetensors"):
-        path = Path(weights).expanduser()
+        path = Path(os.path.expanduser(weights))
         if not path.is_file():
             raise PredictorError(f"There is no file {path}: weights are a .safetensors and a .json.")
         return path
+    names = {p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.safetensors")}
+    if weights not in names:
+        raise PredictorError(
+            f"There are no weights `{weights}`: give a file that ends in .safetensors, or a name."
+            f"{suggest(weights, names)}"
+        )
     folder = SHIPPED / weights
     path = folder / file_name(row)
     if not path.is_file():
-        names = sorted(p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.safetensors"))
-        if weights not in names:
-            raise PredictorError(
-                f"There are no weights `{weights}`: give a file that ends in .safetensors, or a name."
-                f"{suggest(weights, set(names))}"
-            )
         rows = sorted(p.stem.replace("-", ":", 1) for p in folder.glob("*.safetensors"))
         raise PredictorError(
             f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "
@@ -65,17 +66,37 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """
     try:
         content = path.read_bytes()
+        text = path.with_suffix(".json").read_bytes()
+    except OSError as error:
+        reason = "There is no file" if isinstance(error, FileNotFoundError) else f"{error.strerror}:"
+        raise PredictorError(f"{reason} {error.filename}: weights are a .safetensors and a .json.") from None
+    try:
         tensors = {name: value.float() for name, value in load_safetensors(content).items()}
-        card = json.loads(path.with_suffix(".json").read_text())
-    except FileNotFoundError as error:
-        raise PredictorError(f"There is no file {error.filename}: weights are a .safetensors and a .json.") from None
     except Exception as error:  # a damaged archive raises types of the library's own
         raise PredictorError(f"{path} cannot be read, it is damaged or no safetensors file: {error}.") from None
-    if not isinstance(card, dict):
-        raise PredictorError(f"{path.with_suffix('.json')} is no card of weights: it must hold a JSON object.")
+    card = _checked_card(path.with_suffix(".json"), text)
     if card.get("sha256") != hashlib.sha256(content).hexdigest():
         raise PredictorError(f"{path} and its card, .json, do not belong together: copy or train both again.")
     return tensors, card
+
+
+def _checked_card(path: Path, text: bytes) -> dict[str, Any]:
+    try:
+        card = json.loads(text)
+    except ValueError as error:
+        raise PredictorError(f"{path} cannot be read, it is damaged or no JSON file: {error}.") from None
+    if not isinstance(card, dict):
+        raise PredictorError(f"{path} is no card of weights: it must hold a JSON object.")
+    seeds, names = card.get("seeds"), card.get("trained_on", [])
+    whole = isinstance(seeds, list) and all(isinstance(seed, int) for seed in seeds) and len(set(seeds)) == len(seeds)
+    if seeds is not None and not whole:
+        raise PredictorError(f"{path}: `seeds` is {seeds!r}, and must be a list of different whole numbers.")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise PredictorError(f"{path}: `trained_on` is {names!r}, and must be a list of names.")
+    for key in ("selection", "predictor"):
+        if not isinstance(card.get(key, ""), str):
+            raise PredictorError(f"{path}: `{key}` is {card[key]!r}, and must be text.")
+    return card
 
 
 def write(path: Path, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) -> None:
@@ -87,7 +108,14 @@ def write(path: Path, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) ->
     stored = {
         name: value.half() if bool((value.half().float() == value).all()) else value for name, value in tensors.items()
     }
+    if path.suffix == ".json":
+        raise StorageError(f"{path} is where the card goes: let the weights end in .safetensors. Nothing was written.")
     content = save_safetensors({name: value.contiguous() for name, value in stored.items()})
-    card = {**card, "sha256": hashlib.sha256(content).hexdigest()}
-    write_atomic(path, content)
-    write_atomic(path.with_suffix(".json"), (json.dumps(card, indent=1, allow_nan=False) + "\n").encode())
+    try:
+        text = json.dumps({**card, "sha256": hashlib.sha256(content).hexdigest()}, indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise StorageError(f"The card of {path} cannot be written as JSON: {error}. Nothing was written.") from None
+    # Whoever cannot write the card has not replaced the weights.
+    with atomic_file(path) as file:
+        file.write(content)
+        write_atomic(path.with_suffix(".json"), f"{text}\n".encode())

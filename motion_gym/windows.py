@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -228,3 +229,12 @@ def empty_truth(features: int, dt: float) -> Truth:
         np.zeros((0, HISTORY, features), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
     )
     return Truth(np.zeros((0, FUTURE, 2), np.float32), np.zeros((0, FUTURE), bool), observation)
+
+
+def digest(truth: Truth) -> dict[str, Any]:
+    """Counts of a truth, and sha256 of what it holds."""
+    seen = truth.observation
+    sha = hashlib.sha256()
+    for array in (seen.history, seen.scene, truth.future, truth.known):
+        sha.update(np.ascontiguousarray(array).tobytes())
+    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha.hexdigest()}

@@ -15,14 +15,14 @@ from motion_gym.predictors.ego_features import kept_distances, scenes_of
 from motion_gym.predictors.ego_training import EgoProgram, forecast
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
 from motion_gym.training import Progress, device_named
-from motion_gym.windows import pick_scenes_of
+from motion_gym.windows import check_truth, pick_scenes_of
 
 AGENTS_AT_ONCE = 4000
 """Agents of one forward pass, about, so that memory does not grow with the test set."""
 
 
 class EgoErm(Weighted):
-    """A network in each agent's own frame: a residual over constant velocity, a sum over neighbours, no style.
+    """A network in each agent's own frame: a linear gain that begins as constant velocity, a sum over neighbours.
 
     Turned, shifted or reordered scenes get turned, shifted or reordered forecasts. Any number of neighbours, none
     included. Trained on the mean Euclidean distance. Deterministic.
@@ -86,9 +86,8 @@ class EgoErm(Weighted):
         if len(epochs) != 1:
             raise PredictorError(f"{self.name} has one stage: `epochs={tuple(epochs)}` needs one number.")
         seeds = self.seeds_of(seed)
-        styled = "manoeuvre" in self.networks
-        place = device_named(device)
-        program = EgoProgram(train, validation, styled, epochs[0], agents, most, place, {"predictor": self.name})
+        place, config = device_named(device), {"predictor": self.name}
+        program = EgoProgram(train, validation, self.networks, epochs[0], agents, most, place, config)
         self.train(
             program,
             seeds,
@@ -137,7 +136,15 @@ class EgoModular(EgoErm):
     networks = ("plain", "manoeuvre")
 
     def observe(self, truth: Truth) -> None:
-        """Read the style from pairs of agents whose 20 steps are all known."""
+        """Read the style from pairs of agents whose 20 steps are all known.
+
+        Raises:
+            DataError: it is no proper Truth.
+            PredictorError: its steps have no length.
+        """
+        check_truth(truth, "What was observed")
+        if not 0 < truth.observation.dt < np.inf:
+            raise PredictorError(f"What was observed has steps of {truth.observation.dt} s: they must be above 0.")
         self.observed = self.observed + kept_distances(truth).sum(axis=0)
 
     def reset(self) -> None:

@@ -2,7 +2,7 @@
 
 The *undisturbed course* of an agent is the straight line of its first 4 observed steps, followed at their mean
 velocity. Everything is relative to that line: nothing depends on where the origin is or which way the axes point. A
-pair of agents is looked at in the mirror where need be, so that the neighbour always passes on the left.
+pair of agents is looked at in the mirror where need be, so that the neighbour always passes on the right.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, Observation, Truth
 
@@ -46,6 +47,20 @@ class Scenes:
     def take(self, index: Tensor | slice) -> Scenes:
         """Some of the agents, where A is the first axis."""
         return Scenes(*(value[index] for value in vars(self).values()))
+
+    @classmethod
+    def join(cls, parts: list[Scenes]) -> Scenes:
+        """Agents [A, ...] of several, one after another; where there are fewer neighbours, some are not there."""
+        most = max(part.side.shape[1] for part in parts)
+
+        def padded(value: Tensor) -> Tensor:
+            if value.ndim == 2:
+                return pad(value, (0, most - value.shape[1]))
+            return pad(value, (0, 0, 0, most - value.shape[1]))
+
+        names = ("before", "during", "miss", "side")
+        joined = {name: torch.cat([padded(getattr(part, name)) for part in parts]) for name in names}
+        return cls(deviation=torch.cat([part.deviation for part in parts]), **joined)
 
     def for_models(self, models: int) -> Scenes:
         """The same agents for each of M models: [A, ...] to [M, A, ...]."""
@@ -141,7 +156,7 @@ def _approach(position: np.ndarray, velocity: np.ndarray, limit: float) -> tuple
     """Closest approach of something at a relative position and velocity, within so many seconds.
 
     Returns:
-        Side on which it passes (1 left, -1 right), distance in metres, and time in seconds.
+        Side on which it passes (1 right, -1 left), distance in metres, and time in seconds.
     """
     time = np.clip(-(position * velocity).sum(axis=-1) / ((velocity**2).sum(axis=-1) + LEAST), 0, limit)
     distance = np.linalg.norm(position + velocity * time[..., None], axis=-1)

@@ -10,14 +10,16 @@ import torch
 from torch import Tensor
 
 from motion_gym.catalog import whole_number
-from motion_gym.contract import PredictorError, SpecError, Truth
+from motion_gym.contract import PredictorError, Truth
 from motion_gym.predictors import ego_network
 from motion_gym.predictors.ego_features import FREE, Scenes, kept_distances, scenes_of
-from motion_gym.predictors.stgat_training import digest
+from motion_gym.predictors.style_training import check_complete
 from motion_gym.predictors.weighted import Weights
 from motion_gym.training import Stage
-from motion_gym.windows import pick_scenes
+from motion_gym.windows import digest, pick_scenes
 
+STYLED = "manoeuvre"
+"""Name of the network with a style."""
 RATE = 2e-3
 SHOWN = 64
 """Scenes that a style is read from in training."""
@@ -47,7 +49,7 @@ class EgoProgram:
     Args:
         train: Windows of each environment.
         validation: Windows that weights are selected on, of the same environments in the same order.
-        styled: Whether the network with a style is trained too.
+        networks: Those to train: ``plain``, and ``manoeuvre`` for a style.
         epochs: Number of epochs; learning rates fall towards 0.
         agents: Agents of a step, of all environments together.
         most: Scenes of each environment that are trained on, the first ones; None for all.
@@ -62,38 +64,29 @@ class EgoProgram:
         self,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        styled: bool,
+        networks: tuple[str, ...],
         epochs: int,
         agents: int,
         most: int | None,
         device: torch.device,
         config: Mapping[str, Any],
     ):
-        if not train or len(train) != len(validation):
-            raise PredictorError(
-                f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
-                "least one, and the same ones for both."
-            )
+        check_complete(train, validation)
+        most = None if most is None else whole_number("most", most, 1, 10**9)
         train = [pick_scenes(t, slice(0, most)) for t in train]
-        if not sum(map(len, (truth.observation for truth in train))):
-            raise PredictorError("The training set is empty: it needs at least one window.")
-        if any(not truth.known.all() for truth in (*train, *validation)):
-            raise PredictorError("Some future steps of the training set are not known: give complete windows.")
-        self.styled, self.agents, self.device = styled, whole_number("agents", agents, 1, 10**9), device
-        self.networks = ("plain", "manoeuvre") if styled else ("plain",)
-        if whole_number("epochs", epochs, 1, 10**6) == 0:
-            raise SpecError("`epochs=0` trains nothing.")
+        self.networks, self.agents, self.device = networks, whole_number("agents", agents, 1, 10**9), device
+        epochs = whole_number("epochs", epochs, 1, 10**6)
         parts = [self._staged(truth) for truth in train]
-        self.scenes = Scenes(*(torch.cat(values) for values in zip(*(vars(s).values() for s, _ in parts), strict=True)))
+        self.scenes = Scenes.join([scenes for scenes, _ in parts])
         self.target = torch.cat([target for _, target in parts])
         self.environment = torch.repeat_interleave(
             torch.arange(len(parts), device=device), torch.tensor([len(t) for _, t in parts], device=device)
         )
         self.validation = [self._staged(truth) for truth in validation]
         self.distances, self.seen = torch.zeros(0), np.zeros((len(train), 2))
-        if styled:
+        if STYLED in networks:
             self._read_styles(train)
-        rates = {name: RATE for network in self.networks for name in (network, ego_network.GAINS[network])}
+        rates = {name: RATE for network in networks for name in (network, ego_network.GAINS[network])}
         self.stages = [Stage("forecast", epochs, rates, selects=True, decays=True)]
         self.config = {
             **config,
@@ -126,10 +119,6 @@ class EgoProgram:
         self.seen = drawn[:, 0]
         self.distances = torch.tensor(distance_and_trust(drawn)[0], dtype=torch.float32, device=self.device)
 
-    def summary(self) -> str:
-        """How long it is trained, for results."""
-        return f"trained for {self.stages[0].epochs} epochs"
-
     def finished(self, weights: Weights) -> Weights:
         """The weights as they are."""
         return weights
@@ -158,7 +147,7 @@ class EgoProgram:
             index = order[:, first : first + size]
             scenes, target = self.scenes.take(index), self.target[index]
             loss = ego_network.distance_error(ego_network.without_style(scenes, weights), target)
-            if self.styled:
+            if STYLED in self.networks:
                 loss = loss + self._styled_loss(scenes, target, self.environment[index], weights, generators)
             yield loss
 
@@ -200,7 +189,7 @@ class EgoProgram:
 def forecast(scenes: Scenes, state: np.ndarray, weights: Weights) -> Tensor:
     """Offsets [M, A, 24] for scenes [M, A, ...], given the sums [2] of what was seen of the style."""
     plain = ego_network.without_style(scenes, weights)
-    if "manoeuvre.bias1" not in weights:
+    if f"{STYLED}.bias1" not in weights:
         return plain
     distance, trust = (float(value) for value in distance_and_trust(state))
     reach = torch.full(scenes.miss.shape[:2], distance, device=scenes.miss.device)

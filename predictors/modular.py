@@ -17,7 +17,7 @@ from motion_gym.predictors.pair_network import AGENTS, CODE, Pairs
 from motion_gym.predictors.style_training import PLAIN, Schedule, StyleProgram
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
 from motion_gym.training import Progress, device_named
-from motion_gym.windows import pick_scenes
+from motion_gym.windows import check_truth, pick_scenes
 
 
 class StyleErm(Weighted):
@@ -142,8 +142,7 @@ class Modular(StyleErm):
     """The paper's modular network: an encoder of the scene, one of the style, and a modulator that joins them.
 
     The style of a domain is read from scenes that it observes over all 20 steps: a running average of their codes. It
-    begins at the mean code of the training scenes, which counts for as many scenes as make the best guess (the variance
-    of codes within an environment over that between environments). ``reset`` goes back there.
+    begins at the mean code of the training scenes, which counts for one scene. ``reset`` goes back there.
 
     Args:
         weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
@@ -155,7 +154,6 @@ class Modular(StyleErm):
     expected: ClassVar[dict[str, tuple[int, ...]]] = {
         **pair_network.shapes(),
         "prior.code": (CODE,),
-        "prior.scenes": (1,),
         "prior.dt": (1,),
     }
 
@@ -168,10 +166,12 @@ class Modular(StyleErm):
         """Read the style from those scenes whose 20 steps are all known.
 
         Raises:
+            DataError: it is no proper Truth.
             PredictorError: there are no weights, a scene has not two agents, or steps of another length than those
                 that the style encoder was trained on.
         """
         weights = self._ready()
+        check_truth(truth, "What was observed")
         dt = float(weights["prior.dt"])
         if not np.isclose(truth.observation.dt, dt, rtol=1e-3):
             raise PredictorError(
@@ -219,8 +219,7 @@ class Modular(StyleErm):
 
     def _codes(self, weights: Weights) -> Tensor:
         """The running average."""
-        count = float(weights["prior.scenes"])
-        average = (count * weights["prior.code"][0].double() + torch.from_numpy(self.observed)) / (count + self.scenes)
+        average = (weights["prior.code"][0].double() + torch.from_numpy(self.observed)) / (1 + self.scenes)
         return average.float()[None, None]
 
 

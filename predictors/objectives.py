@@ -7,6 +7,7 @@ checkpoint holds it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Protocol
 
 import torch
@@ -113,7 +114,9 @@ class Irm(_Stateless):
     """
 
     def __init__(self, penalty: float, unbiased: bool = True):
-        self.penalty = _number("penalty", penalty)
+        self.penalty = number("penalty", penalty)
+        if not isinstance(unbiased, bool):
+            raise SpecError(f"`unbiased={unbiased}` must be true or false.")
         self.unbiased = unbiased
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
@@ -134,7 +137,7 @@ class VRex(_Stateless):
     joint = True
 
     def __init__(self, penalty: float):
-        self.penalty = _number("penalty", penalty)
+        self.penalty = number("penalty", penalty)
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
         """Losses [M]."""
@@ -153,7 +156,7 @@ class GroupDro:
     compares = True
 
     def __init__(self, rate: float):
-        self.rate = _number("rate", rate)
+        self.rate = number("rate", rate)
 
     def start(self, environments: int, models: int, device: torch.device) -> Tensor:
         """Equal weights [E, M]."""
@@ -168,7 +171,8 @@ class GroupDro:
         return (state.clone() * mean).sum(dim=0)
 
 
-def _number(name: str, value: float) -> float:
-    if isinstance(value, (bool, str)) or not 0 <= value < float("inf"):
+def number(name: str, value: float) -> float:
+    """The value as a float, if it is a number, 0 or more; SpecError otherwise."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= value < float("inf"):
         raise SpecError(f"`{name}={value}` must be a number, 0 or more.")
     return float(value)

@@ -80,7 +80,7 @@ def paired(observation: Observation) -> np.ndarray:
     if (sizes != AGENTS).any():
         raise PredictorError(
             f"This network takes scenes of exactly {AGENTS} agents, and there is one of {sizes[sizes != AGENTS][0]}: "
-            "use `backbone=stgat`, or another predictor."
+            "use ego_erm or ego_modular, which take any number."
         )
     return observation.xy.reshape(-1, AGENTS, HISTORY, 2)
 

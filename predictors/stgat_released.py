@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -41,17 +42,31 @@ def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
         raise PredictorError(f"{path} has no `state_dict`: it is no weight file of the released program.")
     tensors: Weights = {}
     for key, value in state.items():
-        name, axes = _released_name(key)
-        value = value.float()
-        tensors[name] = (value.T if axes == "transposed" else value[..., 0] if axes == "squeezed" else value)[None]
-    tensors = {key: value.contiguous() for key, value in tensors.items()}
+        try:
+            name, axes = _released_name(key)
+            value = value.float()
+            value = value.T if axes == "transposed" else value[..., 0] if axes == "squeezed" else value
+        except Exception:  # whatever the key or the value is
+            raise PredictorError(f"{path}: `{key}` is no tensor of the released program's STGAT.") from None
+        if name in tensors:
+            raise PredictorError(f"{path} has two tensors for {name}.")
+        tensors[name] = value[None].contiguous()
     card = {
         "source": f"released program of the paper, {Path(path).name}",
-        "epoch": content.get("epoch"),
-        "best_ade": float(content["best_ade"]) if "best_ade" in content else None,
+        "epoch": _plain(content.get("epoch")),
+        "best_ade": _plain(content.get("best_ade")),
         "selection": "published weights; best ADE on the source validation split, as the released program selects",
     }
     return tensors, card
+
+
+def _plain(value: Any) -> float | None:
+    """A finite number for the card, or None."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        return None
+    return found if math.isfinite(found) else None
 
 
 def _released_name(key: str) -> tuple[str, str]:

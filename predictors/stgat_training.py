@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +16,7 @@ from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.objectives import Objective, risks_of
 from motion_gym.predictors.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
 from motion_gym.training import Stage
-from motion_gym.windows import pick_scenes, stack
+from motion_gym.windows import digest, pick_scenes, stack
 
 Inputs = Callable[[Observation], np.ndarray]
 """Turns an Observation into the network's input [8, A, F]."""
@@ -93,7 +92,7 @@ class Schedule:
 
     def __post_init__(self) -> None:
         """Raise SpecError for values that make no training."""
-        if len(self.epochs) != 3 or self.epochs[2] == 0:
+        if not isinstance(self.epochs, tuple) or len(self.epochs) != 3 or self.epochs[2] == 0:
             raise SpecError(f"`epochs={self.epochs}` must be three numbers, with at least one epoch in the last stage.")
         for epochs in self.epochs:
             whole_number("epochs", epochs, 0, 1_000_000)
@@ -163,11 +162,6 @@ class StgatProgram:
             "train": [digest(t) for t in train],
             "validation": [digest(v) for v in validation],
         }
-
-    def summary(self) -> str:
-        """How long and on how much it is trained, for results."""
-        epochs = "/".join(str(stage.epochs) for stage in self.stages)
-        return f"trained for {epochs} epochs"
 
     def finished(self, weights: Weights) -> Weights:
         """The weights as they are."""
@@ -246,12 +240,3 @@ class StgatProgram:
             part = pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))
             found.append(Batch.of([part], self.inputs, self.device))
         return found
-
-
-def digest(truth: Truth) -> dict[str, Any]:
-    """Counts of a truth, and sha256 of what it holds."""
-    seen = truth.observation
-    sha = hashlib.sha256()
-    for array in (seen.history, seen.scene, truth.future, truth.known):
-        sha.update(np.ascontiguousarray(array).tobytes())
-    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha.hexdigest()}

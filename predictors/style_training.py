@@ -13,13 +13,12 @@ from torch import Tensor
 from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, PredictorError, SpecError, Truth
 from motion_gym.predictors import pair_network
-from motion_gym.predictors.objectives import Erm, Objective, risks_of
+from motion_gym.predictors.objectives import Erm, Objective, number, risks_of
 from motion_gym.predictors.pair_network import AGENTS, Pairs
-from motion_gym.predictors.stgat_training import digest
 from motion_gym.predictors.style_loss import style_loss
 from motion_gym.predictors.weighted import Weights
 from motion_gym.training import Stage
-from motion_gym.windows import pick_scenes
+from motion_gym.windows import digest, pick_scenes
 
 PLAIN = ("encoder", "decoder")
 """Parts of the network without style."""
@@ -62,8 +61,42 @@ class Schedule:
         for epochs in self.epochs:
             whole_number("epochs", epochs, 0, 1_000_000)
         whole_number("scenes", self.scenes, 2, 1_000_000)
+        number("style_weight", self.style_weight)
         if self.most is not None:
             whole_number("most", self.most, 2, 10**9)
+
+
+def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
+    """Raise PredictorError unless both sets hold the same number of environments, and complete windows of each."""
+    if isinstance(train, Truth) or isinstance(validation, Truth):
+        raise PredictorError(
+            "Training and validation sets are sequences of Truth, one for each environment: give [truth]."
+        )
+    if not train or len(train) != len(validation):
+        raise PredictorError(
+            f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
+            "least one, and the same ones for both."
+        )
+    for name, truths in (("training", train), ("validation", validation)):
+        for place, truth in enumerate(truths):
+            if not len(truth.future):
+                raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
+            if not np.isclose(truth.observation.dt, train[0].observation.dt, rtol=1e-3):
+                raise PredictorError(
+                    f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
+                    f"the training set {train[0].observation.dt:.3g} s: resample them."
+                )
+            if not truth.known.all():
+                raise PredictorError(
+                    f"Environment {place} of the {name} set has future steps that are not known: give complete windows."
+                )
+
+
+def mean_code(environments: Sequence[Pairs], weights: Weights) -> Tensor:
+    """Mean style code [M, 8] of environments, each counting the same; on the CPU."""
+    with torch.no_grad():
+        means = [pair_network.code(pairs.path.cpu(), weights).mean(dim=1) for pairs in environments]
+    return torch.stack(means).mean(dim=0)
 
 
 class StyleProgram:
@@ -91,18 +124,14 @@ class StyleProgram:
         device: torch.device,
         config: Mapping[str, Any],
     ):
-        if not train or len(train) != len(validation):
-            raise PredictorError(
-                f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
-                "least one, and the same ones for both."
-            )
+        check_complete(train, validation)
         if len(train) < 2 and (objective.compares or len(schedule.epochs) > 1):
             raise PredictorError(
                 "Training compares environments (the objective, or the style loss), and the training set has one "
                 "alone: give at least two, one Truth for each, or train `style_erm`."
             )
         train = [pick_scenes(t, slice(0, schedule.most)) for t in train]
-        fewest = min(truth.observation.scenes for truth in (*train, *validation))
+        fewest = min(truth.observation.scenes for truth in train)
         if fewest < schedule.scenes:
             raise PredictorError(
                 f"An environment has {fewest} scenes, and a step takes {schedule.scenes} of each: give more, or lower "
@@ -114,8 +143,8 @@ class StyleProgram:
         self.dt = train[0].observation.dt
         self.styled = len(schedule.epochs) > 1
         self.stages = [
-            Stage(name, epochs, {part: RATES[part] for part in parts}, selects=number == len(schedule.epochs))
-            for number, (epochs, (name, parts)) in enumerate(zip(schedule.epochs, STAGES, strict=False), 1)
+            Stage(name, epochs, {part: RATES[part] for part in parts}, selects=count == len(schedule.epochs))
+            for count, (epochs, (name, parts)) in enumerate(zip(schedule.epochs, STAGES, strict=False), 1)
         ]
         self.config = {
             **config,
@@ -128,10 +157,6 @@ class StyleProgram:
             "validation": [digest(v) for v in validation],
         }
 
-    def summary(self) -> str:
-        """How long it is trained, for results."""
-        return f"trained for {'/'.join(str(stage.epochs) for stage in self.stages)} epochs"
-
     def initial(self, seeds: Sequence[int]) -> Weights:
         """First weights of each seed."""
         expected = pair_network.shapes() if self.styled else pair_network.shapes(PLAIN)
@@ -142,14 +167,8 @@ class StyleProgram:
         """Weights with what a predictor needs besides: the prior of the style, and the length of a step."""
         if not self.styled:
             return weights
-        with torch.no_grad():
-            codes = [pair_network.code(pairs.path.cpu(), weights) for pairs in self.train]
-        means = torch.stack([each.mean(dim=1) for each in codes])
-        within = torch.stack([each.var(dim=1) for each in codes]).sum(dim=-1).mean(dim=0)
-        between = means.var(dim=0).sum(dim=-1)
-        count = (within / between.clamp(min=1e-9)).clamp(max=1000)
-        dt = torch.full((len(count), 1), self.dt)
-        return {**weights, "prior.code": means.mean(dim=0), "prior.scenes": count[:, None], "prior.dt": dt}
+        dt = torch.full((len(weights["style.bias1"]), 1), self.dt)
+        return {**weights, "prior.code": mean_code(self.train, weights), "prior.dt": dt}
 
     def state(self, models: int) -> Tensor:
         """State of the objective."""

@@ -15,6 +15,7 @@ from motion_gym.predictors import pair_network
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.pair_network import AGENTS, Pairs
 from motion_gym.predictors.style_loss import style_loss
+from motion_gym.predictors.style_training import mean_code
 from motion_gym.predictors.weighted import Weights
 from motion_gym.training import Stage
 from motion_gym.windows import pick_scenes
@@ -86,6 +87,7 @@ def transfer(
         program = TransferProgram(weights, shown, sources, parts, epochs, rate, style_weight, target)
         seeds = predictor.card.get("seeds", list(range(len(weights["prior.dt"]))))
         weights = training.train(program, seeds).weights
+        weights["prior.code"] = mean_code([program.pairs, *program.sources], weights)
         chosen = "the best epoch on validation scenes of the target" if target is not None else "the last epoch"
         how = f"{parts} tuned on {batches * BATCH} scenes, {epochs} epochs at rate {rate:g}, {chosen}"
     made.use(weights, {**predictor.card, "selection": f"{predictor.selection}; then {how}"})
@@ -153,6 +155,7 @@ class TransferProgram:
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
         """ADE [M] on the target's scenes, metres; the style is that of the scenes tuned on."""
-        assert self.target is not None
+        if self.target is None:
+            raise RuntimeError("A transfer without a target selects nothing.")
         codes = pair_network.code(self.pairs.path, weights).mean(dim=1, keepdim=True)
         return self.target.errors(pair_network.forecast(self.target.history, codes, weights)).mean(dim=(1, 2))

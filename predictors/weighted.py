@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast
 
@@ -23,10 +23,6 @@ Weights = dict[str, Tensor]
 
 class Program(training.Program, Protocol):
     """A training program of a predictor."""
-
-    def summary(self) -> str:
-        """How long and on how much it is trained, for results."""
-        ...
 
     def finished(self, weights: Weights) -> Weights:
         """The weights, on the CPU, with what the predictor needs besides."""
@@ -100,9 +96,9 @@ class Weighted:
         Raises:
             SpecError: there is none, or they lack the one that this predictor is to use.
         """
-        seeds = [whole_number("seed", s, 0, 2**31) for s in ([seed] if isinstance(seed, int) else seed)]
-        if not seeds:
-            raise SpecError("`seed` names no seed: give one, or several, to train.")
+        seeds = [whole_number("seed", s, 0, 2**31) for s in (seed if isinstance(seed, Iterable) else [seed])]
+        if not seeds or len(set(seeds)) < len(seeds):
+            raise SpecError(f"`seed={seed}` must name at least one seed to train, and each once.")
         if self.seed is not None and self.seed not in seeds:
             raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
         return seeds
@@ -129,15 +125,16 @@ class Weighted:
             every=every,
             report=report,
         )
+        epochs = [stage.epochs for stage in program.stages]
         card = {
             "predictor": self.name,
             "seeds": seeds,
             "trained_on": list(names),
             "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
-            + program.summary(),
+            f"trained for {'/'.join(map(str, epochs))} epochs",
             "validation_ade": [round(score, 4) for score in made.score],
             "epoch": made.epoch,
-            "training": {**program.config, "epochs": [stage.epochs for stage in program.stages]},
+            "training": {**program.config, "epochs": epochs},
             "seconds": round(made.seconds, 1),
             "device": device,
             "commit": commit(),
@@ -171,6 +168,10 @@ class Weighted:
         index = 0 if self.seed is None else seeds.index(self.seed)
         self.stacked, self.card = tensors, card
         self.tensors = {name: value[index : index + 1].contiguous() for name, value in tensors.items()}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all that was observed; nothing here, and what other weights made of it is of no use either."""
 
     def save(self, path: str | Path) -> None:
         """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
@@ -200,12 +201,17 @@ def check_shapes(tensors: Weights, expected: dict[str, tuple[int, ...]], source:
         source: Whose they are, for messages.
         hints: What it means if a weight has another shape.
     """
-    found = {key: tuple(value.shape[1:]) for key, value in tensors.items()}
+    found = {key: tuple(value.shape[1:]) for key, value in tensors.items() if value.ndim}
     if found.keys() != expected.keys():
         lacking, unknown = sorted(expected.keys() - found.keys()), sorted(found.keys() - expected.keys())
         raise PredictorError(
             f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
             f"{unknown or 'nothing'} besides."
+        )
+    models = {len(value) for value in tensors.values()}
+    if len(models) != 1 or 0 in models:
+        raise PredictorError(
+            f"{source}: tensors are of {sorted(models)} models; all must be of the same number, 1 or more."
         )
     for key, shape in expected.items():
         if found[key] != shape:

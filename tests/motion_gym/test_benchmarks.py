@@ -11,8 +11,7 @@ from motion_gym.benchmarks import BENCHMARKS, Part
 from motion_gym.contract import DataError, PredictorError, SpecError
 from motion_gym.metrics import score
 from motion_gym.predictors.stand_still import StandStill
-from motion_gym.predictors.stgat_training import digest
-from motion_gym.windows import pick_scenes
+from motion_gym.windows import digest, pick_scenes
 
 PART = Part(
     "A small part",
@@ -145,5 +144,9 @@ def test_shipped_weights_forecast_better_than_standing_still(path, eth_ucy):
         used = card["training"][name]
         first = [pick_scenes(truth, slice(0, part["scenes"])) for truth, part in zip(truths, used, strict=True)]
         assert used == [digest(truth) for truth in first]
+        assert all(len(part.future) in (len(truth.future), 18_000) for part, truth in zip(first, truths, strict=True))
+    assert card["trained_on"] == plan.names()
+    for name, value in plan.options.items():
+        assert card["training"][name] == (list(value) if name == "epochs" else value)
     still = [score(StandStill().predict(truth.observation), truth)["ADE"] for truth in validation]
     assert max(card["validation_ade"]) < 0.5 * np.concatenate(still).mean()

@@ -37,7 +37,7 @@ def test_training_lowers_the_error_of_every_kind(data):
     for kind in (StyleErm, StyleInvariant):
         made = kind().fit(*data, [0, 1], epochs=(8,), **OPTIONS)
         scores = [np.mean(entry["score"]) for entry in made.card["curve"]]
-        assert scores[-1] < 0.6 * scores[0]
+        assert scores[-1] < 0.7 * scores[0]
 
 
 def test_the_scene_encoder_is_frozen_after_the_first_stage(data, modular):
