@@ -422,6 +422,10 @@ def test_train_then_score(small_training, capsys):
     assert card["seeds"] == [0, 2] and len(card["validation_ade"]) == 2 and card["training"]["epochs"] == [1, 1, 2]
     assert all(len(part["sha256"]) == 64 for part in card["training"]["train"])
     assert "erm_no_sigma" in call(capsys, f"score erm_no_sigma --weights {path} --domain orca:scenes=40")
+    # Weights are not replaced, even where their checkpoint is gone.
+    path.with_suffix(".checkpoint").rename("kept")
+    assert f"{path} is there already" in fail(capsys, again).err
+    Path("kept").rename(path.with_suffix(".checkpoint"))
     # A finished training goes on where it ended.
     assert "is there already: add --resume to go on" in fail(capsys, again).err
     call(capsys, f"{again} --resume --epochs 1 1 3")
@@ -448,6 +452,11 @@ def test_train_then_score(small_training, capsys):
         ),
         ("train erm:sigma=maybe --benchmark small", "must be true, false or relative"),
         ("train erm_no_sigma --benchmark small --epochs 1 1 0", "at least one epoch"),
+        ("train erm_no_sigma --benchmark small --seeds 0-99999999999", "names more than 1000 seeds"),
+        ("train erm_no_sigma --benchmark small --epochs 3", "must be three numbers"),
+        ("train ego_erm --benchmark small --epochs 1 1", "needs one number"),
+        ("train style_erm --benchmark small", "must be one number for a network without style"),
+        ("import-weights none.pth.tar --predictor vrex", "has no weights of the released program"),
         ("train erm_no_sigma --benchmark small --every 0", "`every=0` must be a whole number"),
         ("run spurios", "Did you mean `spurious`"),
         ("score linear --weights spurious --domain eth", "none of linear has weights"),
@@ -480,4 +489,5 @@ def test_run_writes_runs_tables_and_a_readme(monkeypatch, capsys):
     tables = Path("results/original/tables.md").read_text()
     assert "### On 0.1" in tables and table.splitlines()[3] in tables
     assert "README.md: already up to date" in call(capsys, "run original --into README.md")
+    monkeypatch.setattr(benchmarks, "run", None)  # what is asked for is looked at before anything is run
     assert "has no lines `<!-- results: original -->`" in fail(capsys, "run original --into own_things.py").err

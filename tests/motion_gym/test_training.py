@@ -12,7 +12,8 @@ import motion_gym as mg
 from motion_gym import training
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.domains import training_set
-from motion_gym.predictors import kernels
+from motion_gym.predictors import kernels, objectives
+from motion_gym.predictors.ego import EgoModular
 from motion_gym.predictors.stgat import Counterfactual, Erm, ErmNoSigma, GroupDro, Invariant, VRex
 from motion_gym.predictors.stgat_training import Schedule, StgatProgram
 from motion_gym.storage import StorageError
@@ -184,6 +185,71 @@ def test_a_loss_that_is_not_finite_stops_and_keeps_the_checkpoint(data, tmp_path
     content = torch.load(checkpoint, weights_only=True)
     assert content["epoch"] == 2
     assert all(torch.isfinite(value).all() for value in content["weights"].values())
+
+
+def test_weights_that_are_not_finite_stop_and_keep_the_checkpoint(data, tmp_path):
+    class Rooted(Erm):
+        """Its objective has the finite value 0, and a gradient that is not finite, in the second epoch."""
+
+        @property
+        def objective(self):
+            class Root(objectives.Erm):
+                steps = 0
+
+                def __call__(self, risks, state):
+                    loss = super().__call__(risks, state)
+                    self.steps += 1
+                    return loss if self.steps != 12 else (loss - loss.detach()).sqrt()
+
+            return Root()
+
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(PredictorError, match=r"The weight \S+ of seed 8 is nan in epoch 2"):
+        Rooted().fit(*data, 8, epochs=EPOCHS, checkpoint=checkpoint, every=1)
+    content = torch.load(checkpoint, weights_only=True)
+    assert content["epoch"] == 1
+    assert all(torch.isfinite(value).all() for value in content["weights"].values())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("weights", {}),
+        ("best", None),
+        ("epoch", -5),
+        ("score", torch.zeros(9)),
+        ("score", torch.tensor([torch.nan])),
+        ("adam", {}),
+    ],
+)
+def test_a_checkpoint_with_damaged_content_is_refused(data, tmp_path, key, value):
+    checkpoint = tmp_path / "a.checkpoint"
+    Erm().fit(*data, 0, epochs=(1, 0, 1), checkpoint=checkpoint)
+    content = torch.load(checkpoint, weights_only=True)
+    torch.save({**content, key: value}, checkpoint)
+    with pytest.raises(SpecError, match="is no checkpoint, or is damaged"):
+        Erm().fit(*data, 0, epochs=(1, 0, 2), checkpoint=checkpoint, resume=True)
+    checkpoint.write_bytes(b"")
+    with pytest.raises(SpecError, match="is no checkpoint, or is damaged"):
+        Erm().fit(*data, 0, epochs=(1, 0, 2), checkpoint=checkpoint, resume=True)
+
+
+def test_rates_that_decay_are_part_of_the_configuration(data, tmp_path):
+    checkpoint, seen = tmp_path / "a.checkpoint", []
+    whole = EgoModular().fit(*data, [0, 1], epochs=(4,), agents=64)
+    with pytest.raises(Killed):
+        EgoModular().fit(*data, [0, 1], epochs=(4,), agents=64, checkpoint=checkpoint, every=1, report=kill_after(3))
+    with pytest.raises(SpecError, match=r"decay_over: \[4\], now \[5\]"):
+        EgoModular().fit(*data, [0, 1], epochs=(5,), agents=64, checkpoint=checkpoint, resume=True)
+    options = {"agents": 64, "checkpoint": checkpoint, "resume": True, "report": seen.append}
+    assert same(EgoModular().fit(*data, [0, 1], epochs=(4,), **options), whole) and len(seen) == 2
+
+
+@pytest.mark.parametrize("seed", [[], [1, 1], None, "0", -1])
+def test_seeds_that_cannot_be_trained_are_refused(data, seed):
+    with pytest.raises(SpecError, match="seed"):
+        Erm().fit(*data, seed, epochs=EPOCHS)
+    assert Erm().fit(*data, np.int64(3), epochs=(1, 0, 1)).card["seeds"] == [3]
 
 
 def test_a_validation_score_that_is_not_finite_stops(data):

@@ -1,5 +1,6 @@
 """STGAT against the released program: its forward pass, its objective, and its published weights."""
 
+import json
 import os
 import pickle
 from pathlib import Path
@@ -16,6 +17,7 @@ from motion_gym.predictors import stgat_network as network
 from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.stgat import Counterfactual, Erm, Invariant
 from motion_gym.predictors.stgat_released import import_released
+from motion_gym.storage import StorageError
 from tests.crowd_with_sigma import CrowdWithSigma
 
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "reference"
@@ -185,6 +187,63 @@ def test_weights_and_card_of_two_trainings_are_refused(tmp_path):
     (tmp_path / "0.json").write_text("[]")
     with pytest.raises(PredictorError, match="must hold a JSON object"):
         Erm(weights=tmp_path / "0.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("seeds", 5, "`seeds` is 5"),
+        ("seeds", [0, 0], "different whole numbers"),
+        ("trained_on", "orca", "must be a list of names"),
+        ("selection", [1], "must be text"),
+    ],
+)
+def test_cards_of_another_form_are_refused(tmp_path, key, value, message):
+    path = tmp_path / "a.safetensors"
+    random_model().save(path)
+    card = json.loads(path.with_suffix(".json").read_text())
+    path.with_suffix(".json").write_text(json.dumps({**card, key: value}))
+    with pytest.raises(PredictorError, match=message):
+        Erm(weights=path)
+
+
+def test_what_cannot_be_saved_leaves_what_was_there(tmp_path):
+    path = tmp_path / "a.safetensors"
+    random_model().save(path)
+    before = path.read_bytes(), path.with_suffix(".json").read_bytes()
+    other = random_model(seed=1)
+    for card in ({"best": float("nan")}, {"epoch": torch.tensor(3)}):
+        with pytest.raises(StorageError, match=r"card of .* cannot be written as JSON"):
+            weight_files.write(path, other.stacked, card)
+    assert (path.read_bytes(), path.with_suffix(".json").read_bytes()) == before
+    path.with_suffix(".json").unlink()
+    path.with_suffix(".json").mkdir()
+    with pytest.raises(StorageError, match="no regular file"):
+        other.save(path)
+    assert path.read_bytes() == before[0]
+    with pytest.raises(StorageError, match="where the card goes"):
+        other.save(tmp_path / "b.json")
+
+
+def test_tensors_of_different_numbers_of_models_are_refused(tmp_path):
+    made = random_model()
+    uneven = {**made.stacked, "stage3.bias": made.stacked["stage3.bias"].repeat(2, 1)}
+    with pytest.raises(PredictorError, match=r"tensors are of \[1, 2\] models"):
+        made.use(uneven, {})
+
+
+@pytest.mark.parametrize("name", ["../weights/spurious", "spurious/../style", "/tmp", "", "x" * 5000])
+def test_weights_are_named_as_they_are_listed(name):
+    with pytest.raises(PredictorError, match="There are no weights"):
+        Erm(weights=name)
+
+
+@pytest.mark.parametrize("key", [1, "a.b", "traj_lstm_model.weight_ih_l0", "gatencoder.gat_net.layer_stack.x.w"])
+def test_state_dicts_of_other_models_are_refused(tmp_path, key):
+    path = tmp_path / "other.pth.tar"
+    torch.save({"state_dict": {key: torch.zeros(2, 2) if key != "a.b" else "x"}}, path)
+    with pytest.raises(PredictorError):
+        import_released(path)
 
 
 def test_half_precision_is_used_where_it_loses_nothing(tmp_path):
