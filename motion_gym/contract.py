@@ -198,7 +198,7 @@ class Predictor(Protocol):
         ``fit(train, validation, seed)``: learn from two sequences of Truth, one per environment; returns self.
         ``save(path)`` and ``load(path)``: weights on disk.
         ``fit`` with ``checkpoint``, ``resume``, ``every``, ``report``, ``device`` and ``names`` as that of
-        ``predictors/stgat_predictor.py``: can be trained by ``motion-gym train``; has ``name``, and a ``card`` then.
+        ``predictors/weighted.py``: can be trained by ``motion-gym train``; has ``name``, and a ``card`` then.
         ``know(domain)``: oracles only; receives the domain itself. Whoever has it is labelled *oracle* everywhere.
 
     Optional attributes: ``fitted`` (bool), for those with ``fit``; ``selection`` (str), how the weights were selected,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -14,7 +14,6 @@ from motion_gym.predictors import ego_network
 from motion_gym.predictors.ego_features import kept_distances, scenes_of
 from motion_gym.predictors.ego_training import EgoProgram, forecast
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
-from motion_gym.training import Progress, device_named
 from motion_gym.windows import check_truth, pick_scenes_of
 
 AGENTS_AT_ONCE = 4000
@@ -44,61 +43,33 @@ class EgoErm(Weighted):
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
         check_shapes(tensors, ego_network.shapes(self.networks), source, {})
 
-    def fit(
+    def program(
         self,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        seed: int | Sequence[int] = 0,
         *,
+        device: torch.device,
         epochs: Sequence[int] = (15,),
         agents: int = 256,
         most: int | None = 9000,
-        names: Sequence[str] = (),
-        device: str = "cpu",
-        checkpoint: Path | None = None,
-        resume: bool = False,
-        every: int = 10,
-        report: Callable[[Progress], None] = lambda progress: None,
-    ) -> EgoErm:
-        """Train, all seeds in one pass.
+    ) -> EgoProgram:
+        """The training program.
 
         Args:
             train: Windows of each environment, complete ones.
             validation: Windows that weights are selected on, of the same environments in the same order.
-            seed: Seed, or several.
+            device: Where to train.
             epochs: Number of epochs, as a sequence of one.
             agents: Agents of a step, of all environments together.
             most: Scenes of each environment that are trained on; None for all.
-            names: Names of the domains of ``train``, for the card.
-            device: ``cpu`` or ``cuda``.
-            checkpoint: File of the checkpoints; None for none.
-            resume: Go on from the checkpoint if there is one.
-            every: Epochs from one checkpoint to the next.
-            report: Called after each epoch.
-
-        Returns:
-            Itself, with the weights of the best epoch of each seed.
 
         Raises:
-            PredictorError: nothing to train on, environments without a style to read, or a loss that is not finite.
-            SpecError: the device is not there, or the checkpoint is of another configuration.
+            PredictorError: nothing to train on, or environments without a style to read.
         """
         if len(epochs) != 1:
             raise PredictorError(f"{self.name} has one stage: `epochs={tuple(epochs)}` needs one number.")
-        seeds = self.seeds_of(seed)
-        place, config = device_named(device), {"predictor": self.name}
-        program = EgoProgram(train, validation, self.networks, epochs[0], agents, most, place, config)
-        self.train(
-            program,
-            seeds,
-            names=names,
-            device=device,
-            checkpoint=checkpoint,
-            resume=resume,
-            every=every,
-            report=report,
-        )
-        return self
+        config = {"predictor": self.name}
+        return EgoProgram(train, validation, self.networks, epochs[0], agents, most, device, config)
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,7 +16,6 @@ from motion_gym.predictors.objectives import Erm, Irm, Objective
 from motion_gym.predictors.pair_network import AGENTS, CODE, Pairs
 from motion_gym.predictors.style_training import PLAIN, Schedule, StyleProgram
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
-from motion_gym.training import Progress, device_named
 from motion_gym.windows import check_truth, pick_scenes
 
 
@@ -42,71 +41,40 @@ class StyleErm(Weighted):
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
         check_shapes(tensors, self.expected, source, {})
 
-    def fit(
+    def program(
         self,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        seed: int | Sequence[int] = 0,
         *,
+        device: torch.device,
         epochs: Sequence[int] | None = None,
         scenes: int = 64,
         most: int | None = 9000,
         style_weight: float = 1.0,
         negatives_only: bool = False,
-        names: Sequence[str] = (),
-        device: str = "cpu",
-        checkpoint: Path | None = None,
-        resume: bool = False,
-        every: int = 10,
-        report: Callable[[Progress], None] = lambda progress: None,
-    ) -> StyleErm:
-        """Train, all seeds in one pass.
+    ) -> StyleProgram:
+        """The training program.
 
         Args:
             train: Windows of each environment, of two agents each.
             validation: Windows that weights are selected on, of the same environments in the same order.
-            seed: Seed, or several.
+            device: Where to train.
             epochs: Of the stages; by default those of the released program.
             scenes: Scenes of each environment in a step.
             most: Scenes of each environment that are trained on; None for all.
             style_weight: Factor of the style loss in the last stage.
             negatives_only: Take the paper's denominator in the style loss; see ``style_loss``.
-            names: Names of the domains of ``train``, for the card.
-            device: ``cpu`` or ``cuda``.
-            checkpoint: File of the checkpoints; None for none.
-            resume: Go on from the checkpoint if there is one; the last stage may have become longer.
-            every: Epochs from one checkpoint to the next.
-            report: Called after each epoch.
-
-        Returns:
-            Itself, with the weights of the best epoch of each seed.
 
         Raises:
-            PredictorError: nothing to train on, scenes of another number of agents, one environment where several are
-                compared, or a loss that is not finite.
-            SpecError: the device is not there, or the checkpoint is of another configuration.
+            PredictorError: nothing to train on, scenes of another number of agents, or one environment where several
+                are compared.
         """
-        seeds = self.seeds_of(seed)
-        schedule = Schedule(
-            tuple(self.epochs if epochs is None else epochs), scenes, most, style_weight, negatives_only
-        )
+        stages = tuple(self.epochs if epochs is None else epochs)
+        schedule = Schedule(stages, scenes, most, style_weight, negatives_only)
         if (len(schedule.epochs) > 1) != (len(self.epochs) > 1):
             raise PredictorError(f"{self.name} has {len(self.epochs)} stages: `epochs` needs as many numbers.")
         objective = {"objective": type(self.objective).__name__, **vars(self.objective)}
-        program = StyleProgram(
-            train, validation, self.objective, schedule, device_named(device), {"predictor": self.name, **objective}
-        )
-        self.train(
-            program,
-            seeds,
-            names=names,
-            device=device,
-            checkpoint=checkpoint,
-            resume=resume,
-            every=every,
-            report=report,
-        )
-        return self
+        return StyleProgram(train, validation, self.objective, schedule, device, {"predictor": self.name, **objective})
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.

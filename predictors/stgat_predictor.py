@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -19,7 +19,6 @@ from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, check_weig
 from motion_gym.predictors.stgat_released import import_released
 from motion_gym.predictors.stgat_training import Schedule, StgatProgram
 from motion_gym.predictors.weighted import Weighted, Weights
-from motion_gym.training import Progress, device_named
 from motion_gym.windows import pick_scenes_of
 
 SCENES_AT_ONCE = 256
@@ -65,51 +64,34 @@ class Stgat(Weighted):
         """Values per observed step."""
         return 2 if self.sigma is False else 3
 
-    def fit(
+    def program(
         self,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        seed: int | Sequence[int] = 0,
         *,
+        device: torch.device,
         epochs: Sequence[int] = (150, 100, 150),
         scenes: int = 64,
         joint: bool = False,
         shortest: bool = False,
-        names: Sequence[str] = (),
-        device: str = "cpu",
-        checkpoint: Path | None = None,
-        resume: bool = False,
-        every: int = 10,
-        report: Callable[[Progress], None] = lambda progress: None,
-    ) -> Stgat:
-        """Train, all seeds in one pass.
+    ) -> StgatProgram:
+        """The training program.
 
         Args:
             train: Windows of each environment.
-            validation: Windows that weights are selected on, of the same environments.
-            seed: Seed, or several.
+            validation: Windows that weights are selected on.
+            device: Where to train.
             epochs: Of the three stages.
             scenes: Scenes of a step.
             joint: Let every step hold scenes of each environment; see ``Schedule``.
             shortest: Let the smallest environment end an epoch of joint steps; see ``Schedule``.
-            names: Names of the domains of ``train``, for the card.
-            device: ``cpu`` or ``cuda``.
-            checkpoint: File of the checkpoints; None for none.
-            resume: Go on from the checkpoint if there is one; the last stage may have become longer.
-            every: Epochs from one checkpoint to the next.
-            report: Called after each epoch.
-
-        Returns:
-            Itself, with the weights of the best epoch of each seed.
 
         Raises:
-            PredictorError: nothing to train on, one environment for an objective that compares several, an observation
-                without sigma, or a loss that is not finite.
-            SpecError: the device is not there, or the checkpoint is of another configuration.
+            PredictorError: nothing to train on, one environment for an objective that compares several, or an
+                observation without sigma.
         """
         objective = self.objective
-        seeds = self.seeds_of(seed)
-        program = StgatProgram(
+        return StgatProgram(
             train,
             validation,
             self.features,
@@ -117,20 +99,9 @@ class Stgat(Weighted):
             objective,
             self.counterfactual,
             Schedule(tuple(epochs), scenes, joint, shortest),  # type: ignore[arg-type]
-            device_named(device),
+            device,
             {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
         )
-        self.train(
-            program,
-            seeds,
-            names=names,
-            device=device,
-            checkpoint=checkpoint,
-            resume=resume,
-            every=every,
-            report=report,
-        )
-        return self
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres.

@@ -6,17 +6,20 @@ import hashlib
 import inspect
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
 
 import torch
 from torch import Tensor
 
 from motion_gym import training
 from motion_gym.catalog import format_spec, whole_number
-from motion_gym.contract import PredictorError, SpecError
+from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.results import commit, versions
 from motion_gym.training import Progress, device_named
 from motion_gym.weight_files import locate, read, write
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Weights = dict[str, Tensor]
 
@@ -90,32 +93,54 @@ class Weighted:
         self._ready()
         return str(self.card.get("selection", "not stated by the weights"))
 
-    def seeds_of(self, seed: int | Sequence[int]) -> list[int]:
-        """The seeds to train, from the argument of ``fit``.
+    def program(self, *sets: Any, **options: Any) -> Program:
+        """The training program on the training and the validation set, with the options of ``fit`` and a device."""
+        raise NotImplementedError
+
+    def fit(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        seed: int | Sequence[int] = 0,
+        *,
+        names: Sequence[str] = (),
+        device: str = "cpu",
+        checkpoint: Path | None = None,
+        resume: bool = False,
+        every: int = 10,
+        report: Callable[[Progress], None] = lambda progress: None,
+        **options: Any,
+    ) -> Self:
+        """Train, all seeds in one pass.
+
+        Args:
+            train: Windows of each environment.
+            validation: Windows that weights are selected on, of the same environments in the same order.
+            seed: Seed, or several.
+            names: Names of the domains of ``train``, for the card.
+            device: ``cpu`` or ``cuda``.
+            checkpoint: File of the checkpoints; None for none.
+            resume: Go on from the checkpoint if there is one; the last stage may have become longer.
+            every: Epochs from one checkpoint to the next.
+            report: Called after each epoch.
+            **options: Of ``program``, as ``epochs``.
+
+        Returns:
+            Itself, with the weights of the best epoch of each seed.
 
         Raises:
-            SpecError: there is none, or they lack the one that this predictor is to use.
+            PredictorError: the sets cannot be trained on, or a loss is not finite.
+            SpecError: an option is not allowed, the device is not there, or the checkpoint is of another configuration.
         """
         seeds = [whole_number("seed", s, 0, 2**31) for s in (seed if isinstance(seed, Iterable) else [seed])]
         if not seeds or len(set(seeds)) < len(seeds):
             raise SpecError(f"`seed={seed}` must name at least one seed to train, and each once.")
         if self.seed is not None and self.seed not in seeds:
             raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
-        return seeds
-
-    def train(
-        self,
-        program: Program,
-        seeds: list[int],
-        *,
-        names: Sequence[str],
-        device: str,
-        checkpoint: Path | None,
-        resume: bool,
-        every: int,
-        report: Callable[[Progress], None],
-    ) -> None:
-        """Train all seeds in one pass, and take the weights of the best epoch of each; see ``training.train``."""
+        epochs = options.get("epochs", ())
+        if epochs is not None and not isinstance(epochs, Iterable):
+            raise SpecError(f"`epochs={epochs}` must be a list of numbers, one for each stage.")
+        program = self.program(train, validation, device=device_named(device), **options)
         made = training.train(
             program,
             seeds,
@@ -125,16 +150,16 @@ class Weighted:
             every=every,
             report=report,
         )
-        epochs = [stage.epochs for stage in program.stages]
+        each = [stage.epochs for stage in program.stages]
         card = {
             "predictor": self.name,
             "seeds": seeds,
             "trained_on": list(names),
             "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
-            f"trained for {'/'.join(map(str, epochs))} epochs",
+            f"trained for {'/'.join(map(str, each))} epochs",
             "validation_ade": [round(score, 4) for score in made.score],
             "epoch": made.epoch,
-            "training": {**program.config, "epochs": epochs},
+            "training": {**program.config, "epochs": each},
             "seconds": round(made.seconds, 1),
             "device": device,
             "commit": commit(),
@@ -144,6 +169,7 @@ class Weighted:
         }
         weights = program.finished(made.weights)
         self.use({name: value.half().float() for name, value in weights.items()}, card)
+        return self
 
     def _ready(self) -> Weights:
         """The weights of the seed; those shipped, if none were given."""

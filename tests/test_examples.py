@@ -87,3 +87,11 @@ def test_own_domain(folder):
     assert out == python(folder, "own_domain.py", path)
     scores = motion_gym(folder, written_command("own_domain.py").replace("FILE", path))
     assert re.search(r"constant_velocity +\.452 ", scores) and "210 agent-windows of 10 agents" in scores
+
+
+def test_new_style(folder):
+    said = python(folder, "new_style.py")
+    found = {line.split(": ADE")[0]: float(line.split()[-2]) for line in said.splitlines()}
+    plain = found["modular, 64 reference scenes"]
+    assert plain < found["modular, 0 reference scenes"]
+    assert found["refined, 64 reference scenes"] < plain and found["tuned on 128 scenes, 64 reference scenes"] < plain
