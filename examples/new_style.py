@@ -14,6 +14,7 @@ CROWD = motion_gym.domain("orca:d=0.6,scenes=1000")
 
 
 def main() -> None:
+    """Score each way, with and without reference scenes."""
     modular = motion_gym.predictor("modular_invariant")
     refined = Refine(modular, steps=3, rate=0.001)
     tuned = transfer(modular, CROWD.windows("train"), [s.windows("train") for s in SOURCES], batches=2, epochs=60)

@@ -173,14 +173,7 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             ),
             "spurious",
         ),
-        Part(
-            "Sigma from the past: no side channel",
-            _alphas("eth", ",sigma=past"),
-            PLAIN,
-            ("erm", "invariant"),
-            "spurious/past",
-        ),
-        Part("Crossed: every place with every alpha", _alphas("eth"), PLAIN, ("erm", "invariant"), "spurious/crossed"),
+        Part("Sigma from the past: no side channel", _alphas("eth", ",sigma=past"), PLAIN),
         *(Part(f"Spurious shift, tested on {place}", _alphas(place), PLAIN) for place in PLACES[1:]),
     ),
     "original": tuple(
@@ -189,7 +182,9 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             {place: place},
             ("constant_velocity", "linear"),
             # As strong as the middle one of the penalties that the paper's authors tried, .5 for sums over 16 scenes.
-            ("erm_no_sigma", "counterfactual:sigma=false", "invariant:sigma=false,penalty=0.125"),
+            ("erm_no_sigma", "counterfactual:sigma=false", "invariant:sigma=false,penalty=0.125")
+            if place == "hotel"
+            else (),
             f"original/{place}",
         )
         for place in PLACES
