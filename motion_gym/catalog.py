@@ -49,12 +49,12 @@ PREDICTORS = {
     "vrex": Entry("motion_gym.predictors.stgat:VRex", "STGAT, a penalty on how much risks differ (V-REx)"),
     "group_dro": Entry("motion_gym.predictors.stgat:GroupDro", "STGAT, for its worst environment (group DRO)"),
     "style_erm": Entry("motion_gym.predictors.modular:StyleErm", "two-agent network of the paper, without style"),
-    "style_invariant": Entry("motion_gym.predictors.modular:StyleInvariant", "the same, trained with IRMv1"),
-    "modular": Entry("motion_gym.predictors.modular:Modular", "two-agent network that reads a style from scenes"),
-    "modular_invariant": Entry("motion_gym.predictors.modular:ModularInvariant", "the same, its encoder by IRMv1"),
+    "style_invariant": Entry("motion_gym.predictors.modular:StyleInvariant", "style_erm trained with IRMv1"),
+    "modular": Entry("motion_gym.predictors.modular:Modular", "style_erm that reads a style from scenes"),
+    "modular_invariant": Entry("motion_gym.predictors.modular:ModularInvariant", "modular, its encoder by IRMv1"),
     "refine": Entry("motion_gym.predictors.refine:Refine", "around modular: refines each forecast towards the style"),
     "ego_erm": Entry("motion_gym.predictors.ego:EgoErm", "network in each agent's own frame, any neighbours, no style"),
-    "ego_modular": Entry("motion_gym.predictors.ego:EgoModular", "the same, and the distance kept as its style"),
+    "ego_modular": Entry("motion_gym.predictors.ego:EgoModular", "ego_erm with a style, the distance that agents keep"),
     "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),
 }
 

@@ -90,7 +90,7 @@ class EgoErm(Weighted):
 
 
 class EgoModular(EgoErm):
-    """The same, with a style: the distance that agents keep when they could have come nearer, a length.
+    """``EgoErm`` with a style: the distance that agents keep when they could have come nearer, a length.
 
     It is read from pairs of agents in scenes that are observed over all 20 steps, as a running weighted mean. A
     forecast is how agents who keep that distance leave their undisturbed courses, affine in it; without anything
@@ -111,8 +111,9 @@ class EgoModular(EgoErm):
 
         Raises:
             DataError: it is no proper Truth.
-            PredictorError: its steps have no length.
+            PredictorError: there are no weights, or its steps have no length.
         """
+        self._ready()  # taking weights later would forget what was observed
         check_truth(truth, "What was observed")
         if not 0 < truth.observation.dt < np.inf:
             raise PredictorError(f"What was observed has steps of {truth.observation.dt} s: they must be above 0.")

@@ -80,7 +80,7 @@ def paired(observation: Observation) -> np.ndarray:
     if (sizes != AGENTS).any():
         raise PredictorError(
             f"This network takes scenes of exactly {AGENTS} agents, and there is one of {sizes[sizes != AGENTS][0]}: "
-            "use ego_erm or ego_modular, which take any number."
+            "use a predictor that takes any number, as linear, erm_no_sigma or ego_erm."
         )
     return observation.xy.reshape(-1, AGENTS, HISTORY, 2)
 

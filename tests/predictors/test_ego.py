@@ -141,3 +141,10 @@ def test_environments_without_a_style_are_refused(data):
     apart = [mg.domain("orca:radius=60,d=0.1,scenes=20").windows("train")] * 2
     with pytest.raises(PredictorError, match="nobody keeps a distance"):
         EgoModular().fit(apart, apart, 0)
+
+
+def test_what_is_observed_before_the_weights_are_read_is_kept():
+    place = mg.domain("orca:d=0.6,scenes=100")
+    lazily, named = (mg.evaluate(p, place, references=16) for p in ("ego_modular", "ego_modular:weights=style"))
+    assert lazily.metrics["ADE"] == named.metrics["ADE"]
+    assert lazily.metrics["ADE"].mean < 0.6 * mg.evaluate("ego_modular", place, references=0).metrics["ADE"].mean
