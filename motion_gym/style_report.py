@@ -58,8 +58,8 @@ def claims(found: Found) -> str:
         "### Claims, tested in pairs of seeds",
         "",
         "Difference in ADE, metres, A minus B (negative: A is better), mean ± standard error over pairs of the same "
-        "seed, the p-value of a two-sided t-test, and that corrected for the number of tests (Holm). Seeds differ in first "
-        "weights, those of `ego` rows in the order of the scenes too; all see the same training and test scenes.",
+        "seed, the p-value of a two-sided t-test, and that corrected for the number of tests (Holm). Seeds differ in "
+        "first weights, those of `ego` rows in the order of the scenes too; all see the same training and test scenes.",
         "",
         "| claim | A - B | weights | d | difference | of B | seeds where A is better | p | corrected |",
         "|---|---|---|---|---|---|---|---|---|",
