@@ -82,8 +82,8 @@ class StyleErm(Weighted):
         Raises:
             PredictorError: there are no weights, or a scene has not two agents.
         """
-        weights = self._ready()
-        history = torch.tensor(pair_network.paired(observation)).flatten(1)
+        weights = self._exact()
+        history = torch.tensor(pair_network.paired(observation), dtype=torch.float64).flatten(1)
         with torch.no_grad():
             moves = pair_network.forecast(history, self._codes(weights), weights)[0]
         offsets = moves.view(-1, FUTURE, 2).cumsum(dim=1).numpy()
@@ -92,6 +92,10 @@ class StyleErm(Weighted):
     def _codes(self, weights: Weights) -> Tensor | None:
         """Style code [1, 1, 8] to forecast with."""
         return None
+
+    def _exact(self) -> Weights:
+        """The weights in double precision: positions are taken as they are, and far from the origin others round."""
+        return {name: value.double() for name, value in self._ready().items()}
 
 
 class StyleInvariant(StyleErm):
@@ -167,19 +171,19 @@ class Modular(StyleErm):
 
     def latent(self, observation: Observation) -> Tensor:
         """Latent [1, S, 16] of each scene after the first modulation."""
-        weights = self._ready()
-        history = torch.tensor(pair_network.paired(observation)).flatten(1)
+        weights = self._exact()
+        history = torch.tensor(pair_network.paired(observation), dtype=torch.float64).flatten(1)
         return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
 
     def from_latent(self, latent: Tensor) -> Tensor:
         """Displacements [1, S, 48], metres."""
-        weights = self._ready()
+        weights = self._exact()
         return pair_network.decode(latent, self._codes(weights), weights)
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
         """Style embeddings [1, S, 8] of scenes that go on by displacements [1, S, 48]."""
-        weights = self._ready()
-        history = torch.tensor(pair_network.paired(observation))
+        weights = self._exact()
+        history = torch.tensor(pair_network.paired(observation), dtype=torch.float64)
         steps = moves.view(-1, AGENTS, FUTURE, 2)
         future = history[:, :, -1:] + steps.cumsum(dim=2)
         whole = torch.cat([history, future], dim=2)
@@ -187,8 +191,8 @@ class Modular(StyleErm):
 
     def _codes(self, weights: Weights) -> Tensor:
         """The running average."""
-        average = (weights["prior.code"][0].double() + torch.from_numpy(self.observed)) / (1 + self.scenes)
-        return average.float()[None, None]
+        average = (weights["prior.code"][0] + torch.from_numpy(self.observed)) / (1 + self.scenes)
+        return average[None, None]
 
 
 class ModularInvariant(Modular):

@@ -109,7 +109,7 @@ class Refine:
         if whole is None:
             return
         path = np.concatenate([whole.observation.xy[:, -1:], whole.future], axis=1)
-        moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float32).reshape(1, whole.observation.scenes, -1)
+        moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float64).reshape(1, whole.observation.scenes, -1)
         with torch.no_grad():
             embedded = self.inner.embedded(whole.observation, moves)[0].double().sum(dim=0).numpy()
         self.towards = embedded + self.towards if len(self.towards) else embedded
@@ -136,7 +136,7 @@ class Refine:
         return Forecast((observation.xy[:, -1:] + offsets)[:, None].astype(np.float32))
 
     def _refined(self, observation: Observation, latent: Tensor) -> Tensor:
-        goal = torch.tensor(self.towards / self.scenes / TEMPERATURE, dtype=torch.float32)
+        goal = torch.tensor(self.towards / self.scenes / TEMPERATURE, dtype=torch.float64)
         with torch.enable_grad():
             latent.requires_grad_()
             adam = torch.optim.Adam([latent], lr=self.rate)

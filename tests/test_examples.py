@@ -56,6 +56,7 @@ def written_command(name):
 def test_every_example_is_tested():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {
         "gymnasium_loop.py",
+        "new_style.py",
         "own_domain.py",
         "own_predictor.py",
         "pettingzoo_loop.py",

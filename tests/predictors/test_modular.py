@@ -157,7 +157,7 @@ def test_refining_draws_a_forecast_towards_the_style_of_the_references(modular, 
         with torch.no_grad():
             positions = predictor.predict(seen).positions[:, 0]
         path = np.concatenate([seen.xy[:, -1:], positions], axis=1)
-        moves = torch.tensor(np.diff(path, axis=1)).reshape(1, seen.scenes, -1)
+        moves = torch.tensor(np.diff(path.astype(np.float64), axis=1)).reshape(1, seen.scenes, -1)
         embedded = made.embedded(seen, moves)[0].numpy()
         likeness[steps] = (embedded @ predictor.towards).mean() / predictor.scenes
     assert likeness[0] < likeness[3] < likeness[12]
