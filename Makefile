@@ -1,3 +1,4 @@
+# Tests run side by side, each with one thread of torch: more would wait for each other.
 # make demo: install into .venv and score the baselines.   make test: the tests.   make check: what CI checks besides.
 SHELL := /bin/sh
 ROOT := $(dir $(abspath $(lastword $(MAKEFILE_LIST))))
@@ -25,7 +26,7 @@ demo: $(VENV)/.installed
 	$(BIN)/motion-gym demo
 
 test: $(VENV)/.ready
-	cd $(ROOT) && $(BIN)/python -m pytest -n 2 $(ARGS)
+	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 $(ARGS)
 
 check: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/ruff check .
