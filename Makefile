@@ -1,4 +1,3 @@
-# Tests run side by side, each with one thread of torch: more would wait for each other.
 # make demo: install into .venv and score the baselines.   make test: the tests.   make check: what CI checks besides.
 SHELL := /bin/sh
 ROOT := $(dir $(abspath $(lastword $(MAKEFILE_LIST))))
@@ -25,6 +24,7 @@ $(VENV)/.ready: $(VENV)/.installed
 demo: $(VENV)/.installed
 	$(BIN)/motion-gym demo
 
+# Two tests side by side, each with one thread of torch: more would wait for each other.
 test: $(VENV)/.ready
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 $(ARGS)
 

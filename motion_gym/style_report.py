@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -117,11 +118,12 @@ def by_references(part: Part, path: Path) -> str:
         truth, reference = place.windows("test"), place.reference()
         for row in rows:
             points = lines.setdefault(f"{row}, d = {style}", {})
+            predictors: dict[int, Any] = {seed: ready(spec, place) for seed, spec in part.seeds_of(row).items()}
             for count in NUMBERS:
                 errors = []
-                for seed, spec in part.seeds_of(row).items():
+                for seed, made in predictors.items():
                     drawn = np.random.default_rng(seed).permutation(reference.observation.scenes)[:count]
-                    made = ready(spec, place)
+                    made.reset()
                     tell(made, pick_scenes(reference, drawn))
                     errors.append(np.mean(score(ask(made, truth.observation), truth)["ADE"]))
                 points[count] = np.array(errors)

@@ -41,7 +41,7 @@ class EgoErm(Weighted):
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        check_shapes(tensors, ego_network.shapes(self.networks), source, {})
+        check_shapes(tensors, ego_network.shapes(self.networks), source)
 
     def program(
         self,

@@ -13,8 +13,7 @@ from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, Truth
 from motion_gym.predictors import ego_network
 from motion_gym.predictors.ego_features import FREE, Scenes, kept_distances, scenes_of
-from motion_gym.predictors.style_training import check_complete
-from motion_gym.predictors.weighted import Weights
+from motion_gym.predictors.weighted import Weights, check_complete
 from motion_gym.training import Stage
 from motion_gym.windows import digest, pick_scenes
 

@@ -39,7 +39,7 @@ class StyleErm(Weighted):
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        check_shapes(tensors, self.expected, source, {})
+        check_shapes(tensors, self.expected, source)
 
     def program(
         self,
@@ -83,18 +83,16 @@ class StyleErm(Weighted):
             PredictorError: there are no weights, or a scene has not two agents.
         """
         weights = self._exact()
-        history = torch.tensor(pair_network.paired(observation), dtype=torch.float64).flatten(1)
         with torch.no_grad():
-            moves = pair_network.forecast(history, self._codes(weights), weights)[0]
-        offsets = moves.view(-1, FUTURE, 2).cumsum(dim=1).numpy()
-        return Forecast((observation.xy[:, -1:] + offsets)[:, None].astype(np.float32))
+            moves = pair_network.forecast(pair_network.exact(observation).flatten(1), self._codes(weights), weights)
+        return pair_network.walked(observation, moves)
 
     def _codes(self, weights: Weights) -> Tensor | None:
         """Style code [1, 1, 8] to forecast with."""
         return None
 
     def _exact(self) -> Weights:
-        """The weights in double precision: positions are taken as they are, and far from the origin others round."""
+        """The weights in double precision, as ``pair_network.exact`` has the histories."""
         return {name: value.double() for name, value in self._ready().items()}
 
 
@@ -172,7 +170,7 @@ class Modular(StyleErm):
     def latent(self, observation: Observation) -> Tensor:
         """Latent [1, S, 16] of each scene after the first modulation."""
         weights = self._exact()
-        history = torch.tensor(pair_network.paired(observation), dtype=torch.float64).flatten(1)
+        history = pair_network.exact(observation).flatten(1)
         return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
 
     def from_latent(self, latent: Tensor) -> Tensor:
@@ -183,7 +181,7 @@ class Modular(StyleErm):
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
         """Style embeddings [1, S, 8] of scenes that go on by displacements [1, S, 48]."""
         weights = self._exact()
-        history = torch.tensor(pair_network.paired(observation), dtype=torch.float64)
+        history = pair_network.exact(observation)
         steps = moves.view(-1, AGENTS, FUTURE, 2)
         future = history[:, :, -1:] + steps.cumsum(dim=2)
         whole = torch.cat([history, future], dim=2)

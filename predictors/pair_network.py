@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.contract import FUTURE, HISTORY, WINDOW, Observation, PredictorError, Truth
+from motion_gym.contract import FUTURE, HISTORY, WINDOW, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors.weighted import Weights
 
 AGENTS = 2
@@ -83,6 +83,21 @@ def paired(observation: Observation) -> np.ndarray:
             "use a predictor that takes any number, as linear, erm_no_sigma or ego_erm."
         )
     return observation.xy.reshape(-1, AGENTS, HISTORY, 2)
+
+
+def exact(observation: Observation) -> Tensor:
+    """Histories [S, 2, 8, 2] in double precision: positions are taken as they are, and single ones round far out.
+
+    Raises:
+        PredictorError: a scene has not two agents.
+    """
+    return torch.tensor(paired(observation), dtype=torch.float64)
+
+
+def walked(observation: Observation, moves: Tensor) -> Forecast:
+    """Forecast [A, 1, 12, 2] of agents who go on by displacements [1, S, 48]."""
+    offsets = moves.view(-1, FUTURE, 2).cumsum(dim=1).numpy()
+    return Forecast((observation.xy[:, -1:] + offsets)[:, None].astype(np.float32))
 
 
 def shapes(parts: tuple[str, ...] = tuple(LAYERS)) -> dict[str, tuple[int, ...]]:

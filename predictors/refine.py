@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from motion_gym import catalog
-from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.predictors.pair_network import walked
 from motion_gym.predictors.style_loss import TEMPERATURE
 
 
@@ -132,8 +133,7 @@ class Refine:
             latent = self._refined(observation, latent.clone())
         with torch.no_grad():
             moves = self.inner.from_latent(latent)
-        offsets = moves.view(-1, FUTURE, 2).cumsum(dim=1).numpy()
-        return Forecast((observation.xy[:, -1:] + offsets)[:, None].astype(np.float32))
+        return walked(observation, moves)
 
     def _refined(self, observation: Observation, latent: Tensor) -> Tensor:
         goal = torch.tensor(self.towards / self.scenes / TEMPERATURE, dtype=torch.float64)

@@ -16,7 +16,7 @@ from motion_gym.predictors import pair_network
 from motion_gym.predictors.objectives import Erm, Objective, number, risks_of
 from motion_gym.predictors.pair_network import AGENTS, Pairs
 from motion_gym.predictors.style_loss import style_loss
-from motion_gym.predictors.weighted import Weights
+from motion_gym.predictors.weighted import Weights, check_complete
 from motion_gym.training import Stage
 from motion_gym.windows import digest, pick_scenes
 
@@ -64,32 +64,6 @@ class Schedule:
         number("style_weight", self.style_weight)
         if self.most is not None:
             whole_number("most", self.most, 2, 10**9)
-
-
-def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
-    """Raise PredictorError unless both sets hold the same number of environments, and complete windows of each."""
-    if isinstance(train, Truth) or isinstance(validation, Truth):
-        raise PredictorError(
-            "Training and validation sets are sequences of Truth, one for each environment: give [truth]."
-        )
-    if not train or len(train) != len(validation):
-        raise PredictorError(
-            f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
-            "least one, and the same ones for both."
-        )
-    for name, truths in (("training", train), ("validation", validation)):
-        for place, truth in enumerate(truths):
-            if not len(truth.future):
-                raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
-            if not np.isclose(truth.observation.dt, train[0].observation.dt, rtol=1e-3):
-                raise PredictorError(
-                    f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
-                    f"the training set {train[0].observation.dt:.3g} s: resample them."
-                )
-            if not truth.known.all():
-                raise PredictorError(
-                    f"Environment {place} of the {name} set has future steps that are not known: give complete windows."
-                )
 
 
 def mean_code(environments: Sequence[Pairs], weights: Weights) -> Tensor:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -218,7 +220,35 @@ class Weighted:
         self.use(*read(Path(path)), str(path))
 
 
-def check_shapes(tensors: Weights, expected: dict[str, tuple[int, ...]], source: str, hints: dict[str, str]) -> None:
+def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
+    """Raise PredictorError unless both sets hold the same number of environments, and complete windows of each."""
+    if isinstance(train, Truth) or isinstance(validation, Truth):
+        raise PredictorError(
+            "Training and validation sets are sequences of Truth, one for each environment: give [truth]."
+        )
+    if not train or len(train) != len(validation):
+        raise PredictorError(
+            f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
+            "least one, and the same ones for both."
+        )
+    for name, truths in (("training", train), ("validation", validation)):
+        for place, truth in enumerate(truths):
+            if not len(truth.future):
+                raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
+            if not np.isclose(truth.observation.dt, train[0].observation.dt, rtol=1e-3):
+                raise PredictorError(
+                    f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
+                    f"the training set {train[0].observation.dt:.3g} s: resample them."
+                )
+            if not truth.known.all():
+                raise PredictorError(
+                    f"Environment {place} of the {name} set has future steps that are not known: give complete windows."
+                )
+
+
+def check_shapes(
+    tensors: Weights, expected: dict[str, tuple[int, ...]], source: str, hints: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Raise PredictorError unless tensors are finite and of the expected names and shapes, behind the axis of models.
 
     Args:
