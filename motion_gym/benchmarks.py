@@ -110,10 +110,7 @@ def trainings() -> dict[str, Training]:
     found["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
     found["style"] = Training("orca:d=0.4")
     found["style/blind"] = Training("orca:d=0.4,radius=7")
-    for place in PLACES:
-        # An epoch ends with the smallest place: after 14 steps where it is hotel, after 3 where it is eth.
-        epochs = (80, 50, 50) if place == "eth" else (120, 80, 100)
-        found[f"original/{place}"] = Training(place, options={**joint, "epochs": epochs, "shortest": True})
+    found |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     return found
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import elu, leaky_relu
 
-from motion_gym.predictors import kernels
+from motion_gym.predictors import kernels, threads
 
 PAIRS_AT_ONCE = 15_000
 """Most pairs of agents of a block, padding included."""
@@ -162,8 +162,8 @@ class Layer(torch.autograd.Function):
             found = torch.bmm(weights.flatten(0, 2), values.flatten(0, 2)).view(values.shape)
             kernels.spread(found.numpy(), block.first, block.size, every[part], rectify, _flat(out)[part])
 
-        kernels.side_by_side(project, kernels.slices(steps, models * agents * joined.shape[2]))
-        kernels.side_by_side(attend, _jobs(layout.blocks, steps * models, heads))
+        threads.side_by_side(project, threads.slices(steps, models * agents * joined.shape[2]))
+        threads.side_by_side(attend, _jobs(layout.blocks, steps * models, heads))
         if any(ctx.needs_input_grad):
             ctx.save_for_backward(joined, y, scale, made, out)
             ctx.layout, ctx.rectify, ctx.features = layout, rectify, features
@@ -202,8 +202,8 @@ class Layer(torch.autograd.Function):
             kernels.normalise_backward(flat[0], limits, flat[1], flat[2])
             return d_joined
 
-        d_bias = sum(kernels.side_by_side(attend, _jobs(layout.blocks, steps * models, heads)), np.zeros(1, np.float32))
-        d_joined = sum(kernels.side_by_side(project, kernels.slices(steps, models * agents * width)))
+        d_bias = sum(threads.side_by_side(attend, _jobs(layout.blocks, steps * models, heads)), np.zeros(1, np.float32))
+        d_joined = sum(threads.side_by_side(project, threads.slices(steps, models * agents * width)))
         by_model = torch.from_numpy(np.broadcast_to(d_bias, (steps * models, features)).copy())
         return d_x, d_joined, by_model.view(steps, models, features).sum(dim=0), None, None  # type: ignore[return-value]
 
@@ -226,5 +226,5 @@ def _jobs(blocks: tuple[Block, ...], batch: int, heads: int) -> list[tuple[Block
     found = []
     for block in blocks:
         pairs = len(block.first) * block.most**2 * heads
-        found += [(block, part) for part in kernels.slices(batch, pairs)]
+        found += [(block, part) for part in threads.slices(batch, pairs)]
     return found

@@ -1,18 +1,11 @@
-"""What the networks do on a CPU besides matrix products: numba kernels, and threads that run them side by side.
+"""What the networks do on a CPU besides matrix products: numba kernels.
 
-The kernels take contiguous float32 arrays, release the GIL, and use one thread. ``side_by_side`` runs jobs, each with
-matrix products of its own, in as many threads as torch is set to.
+They take contiguous float32 arrays, release the GIL, and use one thread; see ``threads`` for more.
 """
 
 from __future__ import annotations
 
-import math
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
-from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,15 +13,10 @@ from numba import njit
 from numpy import float32
 from torch import Tensor
 
-Part = TypeVar("Part")
-Result = TypeVar("Result")
-
 SLOPE = 0.2
 """Of the leaky rectifier in the attention logits."""
 EPSILON = 1e-5
 """Added to the variance before its root, in the normalisation over a scene's agents."""
-CACHED = 160_000
-"""Values that a job works on at a time: about a third of the second-level cache of a core."""
 
 # Sums may be reordered, which is what lets them be vectorised; that nothing is NaN must not be assumed.
 kernel: Any = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -37,39 +25,6 @@ kernel: Any = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contr
 def serve(x: Tensor) -> bool:
     """Whether the kernels can work on this tensor."""
     return x.device.type == "cpu" and x.dtype == torch.float32
-
-
-def slices(count: int, values: int) -> list[slice]:
-    """Cut ``count`` things of so many values each into pieces that stay in the cache and keep all threads busy."""
-    pieces = count * values / CACHED
-    threads = torch.get_num_threads()
-    pieces = math.ceil(pieces / threads) * threads if pieces > 1 / 4 else 1
-    limits = np.linspace(0, count, max(min(pieces, count), 1) + 1).astype(int).tolist()
-    return [slice(first, last) for first, last in pairwise(limits)]
-
-
-def side_by_side(job: Callable[[Part], Result], parts: list[Part]) -> list[Result]:
-    """Results of a job that needs no autograd for each of the parts."""
-    threads = torch.get_num_threads()
-    if threads == 1 or len(parts) == 1:
-        return [job(part) for part in parts]
-    return list(_pool(os.getpid(), threads).map(torch.no_grad()(job), parts))
-
-
-@cache
-def _pool(process: int, threads: int) -> ThreadPoolExecutor:
-    """Threads that use no further threads in torch; of this process, as threads do not survive a fork."""
-    pool = ThreadPoolExecutor(threads, "motion_gym", _one_thread)
-    list(pool.map(abs, range(threads)))
-    # The setting of a thread is also that of threads which have not used torch yet.
-    torch.set_num_threads(threads)
-    return pool
-
-
-def _one_thread() -> None:
-    torch.get_num_threads()  # or the first use of torch in this thread would undo the setting
-    torch.set_num_threads(1)
-    torch.set_flush_denormal(True)  # as the training does in its own thread
 
 
 @kernel

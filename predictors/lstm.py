@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from motion_gym.predictors import kernels
+from motion_gym.predictors import kernels, threads
 
 
 def joined_weights(inputs: Tensor, hidden: Tensor, bias: Tensor) -> Tensor:
@@ -172,8 +172,8 @@ class Unrolled(torch.autograd.Function):
             hidden[:, :, rows] = tape.joined[1:, ..., :size]
             return tape
 
-        ctx.slices = kernels.slices(h.shape[1], len(h) * 4 * size)
-        tapes = kernels.side_by_side(run, ctx.slices)
+        ctx.slices = threads.slices(h.shape[1], len(h) * 4 * size)
+        tapes = threads.side_by_side(run, ctx.slices)
         if any(ctx.needs_input_grad):
             ctx.tapes, ctx.weight = tapes, weight
         return hidden
@@ -197,7 +197,7 @@ class Unrolled(torch.autograd.Function):
                     d_inputs[t][:, rows] = back.d_joined[..., size:-1]
             return back.d_weight
 
-        d_weights = kernels.side_by_side(run, list(zip(ctx.slices, ctx.tapes, strict=True)))
+        d_weights = threads.side_by_side(run, list(zip(ctx.slices, ctx.tapes, strict=True)))
         return d_inputs, None, None, sum(d_weights)  # type: ignore[return-value]
 
 
@@ -223,8 +223,8 @@ class RolledOut(torch.autograd.Function):
             outputs[:, :, rows] = tape.joined[1:, :, ::each, size:-1]
             return tape
 
-        ctx.slices = kernels.slices(first.shape[1], len(h) * each * 4 * size)
-        tapes = kernels.side_by_side(run, ctx.slices)
+        ctx.slices = threads.slices(first.shape[1], len(h) * each * 4 * size)
+        tapes = threads.side_by_side(run, ctx.slices)
         if any(ctx.needs_input_grad):
             ctx.tapes, ctx.weight, ctx.turned, ctx.each = tapes, weight, turned, each
         return outputs
@@ -259,6 +259,6 @@ class RolledOut(torch.autograd.Function):
             d_h[:, rows.start * each : rows.stop * each] = back.d_joined[..., :size]
             return back.d_weight, d_out, d_bias
 
-        found = kernels.side_by_side(run, list(zip(ctx.slices, ctx.tapes, strict=True)))
+        found = threads.side_by_side(run, list(zip(ctx.slices, ctx.tapes, strict=True)))
         d_weight, d_out, d_bias = (sum(parts) for parts in zip(*found, strict=True))
         return d_h, None, d_weight, d_out.transpose(1, 2), d_bias, None, None  # type: ignore[union-attr, return-value]

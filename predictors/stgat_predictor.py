@@ -73,7 +73,6 @@ class Stgat(Weighted):
         epochs: Sequence[int] = (150, 100, 150),
         scenes: int = 64,
         joint: bool = False,
-        shortest: bool = False,
     ) -> StgatProgram:
         """The training program.
 
@@ -84,7 +83,6 @@ class Stgat(Weighted):
             epochs: Of the three stages.
             scenes: Scenes of a step.
             joint: Let every step hold scenes of each environment; see ``Schedule``.
-            shortest: Let the smallest environment end an epoch of joint steps; see ``Schedule``.
 
         Raises:
             PredictorError: nothing to train on, one environment for an objective that compares several, or an
@@ -98,7 +96,7 @@ class Stgat(Weighted):
             self._inputs,
             objective,
             self.counterfactual,
-            Schedule(tuple(epochs), scenes, joint, shortest),  # type: ignore[arg-type]
+            Schedule(tuple(epochs), scenes, joint),  # type: ignore[arg-type]
             device,
             {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
         )

@@ -79,16 +79,14 @@ class Schedule:
     Attributes:
         epochs: Of stage 1 (reconstruction from the trajectory LSTM), 2 (from both LSTMs) and 3 (forecast).
         scenes: Scenes of a step; where a step holds several environments, an equal part from each.
-        joint: Every step holds scenes of each environment, shuffled. Else a step is of one environment, one comes after
-            the other, nothing is shuffled, and an epoch sees every scene once, as in the released program.
-        shortest: With ``joint``, an epoch ends when the smallest environment has been seen once; else it has as many
-            steps as all scenes together would fill, and smaller environments are seen more than once.
+        joint: Every step holds scenes of each environment, shuffled; an epoch has as many steps as all scenes together
+            would fill, so that smaller environments are seen more than once. Else a step is of one environment, one
+            comes after the other, nothing is shuffled, and an epoch sees every scene once, as in the released program.
     """
 
     epochs: tuple[int, int, int] = (150, 100, 150)
     scenes: int = 64
     joint: bool = False
-    shortest: bool = False
 
     def __post_init__(self) -> None:
         """Raise SpecError for values that make no training."""
@@ -158,7 +156,6 @@ class StgatProgram:
             "epochs_before": list(schedule.epochs[:-1]),
             "scenes": schedule.scenes,
             "joint": self.joint,
-            "shortest": schedule.shortest,
             "train": [digest(t) for t in train],
             "validation": [digest(v) for v in validation],
         }
@@ -220,7 +217,7 @@ class StgatProgram:
         """Scenes of each environment for each step of an epoch; the order depends on the epoch alone."""
         sizes = [truth.observation.scenes for truth in self.train]
         each = max(self.schedule.scenes // len(sizes), 1)
-        steps = max(min(sizes) // each, 1) if self.schedule.shortest else -(-sum(sizes) // self.schedule.scenes)
+        steps = -(-sum(sizes) // self.schedule.scenes)
         rng = np.random.default_rng([epoch, len(sizes)])
         orders = []
         for size in sizes:

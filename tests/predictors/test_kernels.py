@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from motion_gym.predictors import kernels, lstm
+from motion_gym.predictors import kernels, lstm, threads
 from motion_gym.predictors import stgat_network as network
 from motion_gym.predictors.graph_attention import Layout, graph_attention
 
@@ -18,11 +18,11 @@ STEPS, MODELS = 3, 2
 
 
 @pytest.fixture(params=[1, 2], ids=["one thread", "two threads"])
-def threads(request, monkeypatch):
+def working(request, monkeypatch):
     """Both ways to work, on slices of a few rows."""
     before = torch.get_num_threads()
     torch.set_num_threads(request.param)
-    monkeypatch.setattr(kernels, "CACHED", 500)
+    monkeypatch.setattr(threads, "CACHED", 500)
     yield
     assert torch.get_num_threads() == request.param
     torch.set_num_threads(before)
@@ -49,7 +49,7 @@ def assert_same(function, arguments):
 
 
 @pytest.mark.parametrize("agents", [0, 1, 37])
-def test_lstm_over_known_inputs(threads, agents):
+def test_lstm_over_known_inputs(working, agents):
     torch.manual_seed(0)
     inputs, weight = normal(STEPS, MODELS, agents, 3), normal(MODELS, 10, 24)
     h, c = torch.randn(MODELS, agents, 6), torch.randn(MODELS, agents, 6)
@@ -59,7 +59,7 @@ def test_lstm_over_known_inputs(threads, agents):
 
 @pytest.mark.parametrize("twins", [False, True])
 @pytest.mark.parametrize("agents", [0, 1, 37])
-def test_lstm_fed_its_own_output(threads, agents, twins):
+def test_lstm_fed_its_own_output(working, agents, twins):
     torch.manual_seed(0)
     h, weight = normal(MODELS, agents * (1 + twins), 6), normal(MODELS, 9, 24)
     arguments = [h, torch.randn(MODELS, agents, 2), weight, normal(MODELS, 6, 2), normal(MODELS, 2)]
@@ -67,7 +67,7 @@ def test_lstm_fed_its_own_output(threads, agents, twins):
 
 
 @pytest.mark.parametrize("sizes", [[1, 5, 0, 3, 19], [1], [0], []], ids=str)
-def test_graph_attention(threads, sizes):
+def test_graph_attention(working, sizes):
     torch.manual_seed(0)
     layout = Layout.of(np.append(0, np.cumsum(sizes, dtype=int)))
     shapes = {key: shape for key, shape in network.shapes(3).items() if key.startswith("attention")}
@@ -102,7 +102,7 @@ def states(_=None):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
-def test_after_a_fork(threads):
+def test_after_a_fork(working):
     expected = states()
     with multiprocessing.get_context("fork").Pool(1) as pool:
         torch.testing.assert_close(pool.map_async(states, [None]).get(timeout=60)[0], expected)
@@ -113,9 +113,9 @@ def test_numba_is_not_imported_before_it_is_needed():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
 
 
-def test_other_threads_keep_their_setting(threads):
+def test_other_threads_keep_their_setting(working):
     expected = torch.get_num_threads()
-    kernels.side_by_side(abs, [1, 2, 3])
+    threads.side_by_side(abs, [1, 2, 3])
     found = []
     thread = threading.Thread(target=lambda: found.append(torch.get_num_threads()))
     thread.start()
