@@ -1,4 +1,4 @@
-# make demo: install into .venv and score the baselines.   make test: the tests.   make check: what CI checks besides.
+# make demo: install into .venv and print the style benchmark.   make test: the tests.   make check: what CI checks besides.
 SHELL := /bin/sh
 ROOT := $(dir $(abspath $(lastword $(MAKEFILE_LIST))))
 VENV := $(ROOT).venv
@@ -14,7 +14,7 @@ $(VENV)/.installed: $(ROOT)pyproject.toml $(ROOT)constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo "motion-gym needs Python 3.10 or newer, and $(PYTHON) is older: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) -e "$(ROOT)"
+	$(INSTALL) -e "$(ROOT)[torch]"
 	@touch $@
 
 $(VENV)/.ready: $(VENV)/.installed
@@ -22,7 +22,9 @@ $(VENV)/.ready: $(VENV)/.installed
 	@touch $@
 
 demo: $(VENV)/.installed
-	$(BIN)/motion-gym demo
+	$(BIN)/motion-gym run style --out $(VENV)/demo
+	@echo 'Next: write a predictor, as examples/own_predictor.py. From the folder examples:'
+	@echo '  . ../.venv/bin/activate; motion-gym score own_predictor:Turning --domain orca:d=0.6'
 
 # Two tests side by side, each with one thread of torch: more would wait for each other.
 test: $(VENV)/.ready
@@ -38,7 +40,7 @@ check: $(VENV)/.ready
 # The tables and figures of the README, from scratch.
 results: $(VENV)/.ready
 	rm -rf $(ROOT)results
-	cd $(ROOT) && $(BIN)/motion-gym demo --out results/baselines && \
+	cd $(ROOT) && $(BIN)/motion-gym baselines --out results/baselines && \
 	  $(BIN)/motion-gym table results/baselines --into README.md && \
 	  $(BIN)/motion-gym run spurious --into README.md && \
 	  $(BIN)/motion-gym run original --into README.md && \

@@ -229,26 +229,18 @@ def run(name: str, folder: Path, report: Callable[[int, int, str], None] = lambd
         SpecError: there is no such benchmark.
         PredictorError: weights of a row are missing.
     """
-    jobs = [(part, list(part.runs())) for part in parts(name)]
-    total, done, found = sum(len(runs) for _, runs in jobs), 0, []
-    for part, runs in jobs:
-        places = {spec: catalog.domain(spec) for spec in part.domains.values()}
-        scored = []
-        for predictor, domain in runs:
-            report(done, total, f"{predictor} on {domain}")
-            scored.append(
-                results.run(
-                    predictor,
-                    places[domain],
-                    folder,
-                    k=SAMPLES,
-                    protocol=part.protocol,
-                    references=part.references,
+    jobs = [(part, predictor, domain) for part in parts(name) for predictor, domain in part.runs()]
+    found: dict[int, dict[str, Any]] = {}
+    # One domain after the other, as its windows and resamples are kept.
+    for spec in dict.fromkeys(domain for _, _, domain in jobs):
+        place = catalog.domain(spec)
+        for number, (part, predictor, domain) in enumerate(jobs):
+            if domain == spec:
+                report(len(found), len(jobs), f"{predictor} on {domain}")
+                found[number] = results.run(
+                    predictor, place, folder, k=SAMPLES, protocol=part.protocol, references=part.references
                 )
-            )
-            done += 1
-        found.append((part, scored))
-    return found
+    return [(p, [found[number] for number, job in enumerate(jobs) if job[0] is p]) for p in parts(name)]
 
 
 def read(name: str, folder: Path) -> Found:

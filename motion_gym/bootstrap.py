@@ -15,7 +15,7 @@ import numpy as np
 
 from motion_gym.contract import Observation, SpecError
 
-DRAWS_AT_ONCE = 1 << 20
+DRAWS_AT_ONCE = 1 << 18
 """Drawn clusters held in memory together."""
 MOST_KEPT = 1 << 24
 """Drawn clusters up to which resamples are kept for the next metric, which sees the same ones."""
@@ -167,12 +167,12 @@ def summarise(
         return {}
     table = np.stack([np.asarray(values, dtype=np.float64) for values in scores.values()], axis=1)
     interval = clustered_interval(table, observation.agent, level, replicates, seed)
-    scene_index = observation.scene_index
+    scene_index, (_, agent) = observation.scene_index, np.unique(observation.agent, return_inverse=True)
     summaries = {}
     for column, name in enumerate(scores):
         there = ~np.isnan(table[:, column])
         mean, low, high = (float(part[column]) for part in interval)
-        scenes, agents = len(np.unique(scene_index[there])), len(np.unique(observation.agent[there]))
+        scenes, agents = (np.count_nonzero(np.bincount(index[there])) for index in (scene_index, agent))
         summaries[name] = Summary(mean, low, high, int(there.sum()), scenes, agents)
     return summaries
 
@@ -199,7 +199,7 @@ def _resampled_means(
     enough = (sums[:, metrics:] > 0).sum(axis=0) >= 2
     if not enough.any():
         return mean, np.full((replicates, metrics), np.nan)
-    means = np.concatenate([_ratio(weights @ sums) for weights in _resamples(len(ids), replicates, seed)])
+    means = np.concatenate([_ratio(weights.astype(np.float64, copy=False) @ sums) for weights in _resamples(len(ids), replicates, seed)])
     return mean, np.where(enough, means, np.nan)
 
 

@@ -26,7 +26,7 @@ Thing = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="THING")]
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 
-DEMO = (
+BASELINES = (
     (["stand_still", "linear"], ["orca:d=0.1", "orca:d=0.3", "orca:d=0.6", "eth", "hotel", "univ", "zara1", "zara2"]),
     (["linear", "linear:sigma=true"], ["eth:alpha=8", "eth:alpha=64"]),
 )
@@ -79,7 +79,7 @@ def score(
     )
 
 
-def demo(out: Out = None) -> None:
+def baselines(out: Out = None) -> None:
     """Score the baselines on freshly simulated crowds, and on ETH-UCY where its data is here.
 
     Args:
@@ -87,7 +87,7 @@ def demo(out: Out = None) -> None:
     """
     here = all(state.state == "ok" for state in datasets.verify("eth_ucy"))
     jobs = []
-    for predictors, specs in DEMO:
+    for predictors, specs in BASELINES:
         wanted = [catalog.domain(spec) for spec in specs]
         places = [v for p in wanted if here or not p.card.files for v in _variants(p, "honest")]
         jobs += [(place, _between(predictors, place)) for place in places]
@@ -96,9 +96,6 @@ def demo(out: Out = None) -> None:
         say("ETH-UCY was left out: its data is not here, or not whole. Get it with one of")
         say("  motion-gym data fetch eth_ucy            (downloads 4 MB)")
         say("  motion-gym data add eth_ucy --from DIR   (if you have the files)")
-    say("Next: write a predictor, as examples/own_predictor.py; from its folder:")
-    say("  motion-gym score own_predictor:Turning --domain orca:d=0.6")
-    say("(`motion-gym` is found after `. .venv/bin/activate`.)")
 
 
 def table(
@@ -223,7 +220,7 @@ def data(
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "score": score,
-    "demo": demo,
+    "baselines": baselines,
     "train": cli_training.train,
     "run": cli_training.run,
     "import-weights": cli_training.import_weights,

@@ -228,7 +228,12 @@ def score(forecast: Forecast, truth: Truth, k: int = 1) -> dict[str, np.ndarray]
         PredictorError: The forecast has the wrong shape, fewer than k samples, or impossible values.
         DataError: The truth contradicts itself.
     """
-    return {metric.name: metric(forecast, truth, k) for metric in metric_rows(k)}
+    checked = _Checked(_checked(forecast, truth), forecast.weights)
+    return {metric.name: metric(checked, truth, k) for metric in metric_rows(k)}
+
+
+class _Checked(Forecast):
+    """A forecast that ``score`` has held against its truth, so that not every metric does it again."""
 
 
 def distance(difference: np.ndarray) -> np.ndarray:
@@ -324,6 +329,8 @@ def _check_k(k: int) -> None:
 
 def _checked(forecast: Forecast, truth: Truth) -> np.ndarray:
     """Positions of the forecast, [A, K, 12, 2], after making sure that forecast and truth can be compared."""
+    if isinstance(forecast, _Checked):
+        return forecast.positions
     scene, agents = truth.observation.scene, len(truth.future)
     if truth.future.shape != (agents, FUTURE, 2) or truth.known.shape != (agents, FUTURE):
         raise DataError(

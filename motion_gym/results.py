@@ -140,6 +140,7 @@ def key_of(result: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(result["identity"].get(name) for name in IDENTIFIED)
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that a number may depend on."""
     found = {"python": platform.python_version()}

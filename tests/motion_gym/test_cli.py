@@ -383,19 +383,19 @@ def test_fetch_without_a_network_says_what_else_to_do(capsys, no_data, monkeypat
     assert not list(no_data.rglob("*.txt"))
 
 
-def test_demo_without_data(no_data, folder):
-    done = shell("demo --out r", folder, MOTION_GYM_DATA=str(no_data))
+def test_baselines_without_data(no_data, folder):
+    done = shell("baselines --out r", folder, MOTION_GYM_DATA=str(no_data))
     assert done.returncode == 0 and done.stderr == ""
     assert max(map(len, done.stdout.splitlines())) <= 80
     assert [name for name, _ in rows(done.stdout)] == ["constant_velocity", "stand_still", "linear", "orca_oracle"] * 3
-    for part in ("ETH-UCY was left out", "motion-gym data fetch eth_ucy", "Next: write a predictor"):
+    for part in ("ETH-UCY was left out", "motion-gym data fetch eth_ucy"):
         assert part in done.stdout
     assert len(list((folder / "r").iterdir())) == 12
 
 
 def test_help_names_every_command_and_option(capsys):
     for line, words in {
-        "--help": ["score", "demo", "table", "ls", "check", "data"],
+        "--help": ["score", "baselines", "table", "ls", "check", "data"],
         "score --help": ["PREDICTOR", "--domain", "--k", "--protocol", "--split", "--seed", "--out"],
         "data --help": ["ls,add,fetch,verify", "--from"],
     }.items():
