@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from numbers import Real
 
 import numpy as np
@@ -111,9 +112,9 @@ class Orca(RecordedDomain):
         agent = np.repeat(number, WINDOW, axis=1).reshape(-1)
         return [Recording(frame, agent, xy.reshape(-1, 2), self.dt, f"orca {split}")]
 
-    def sources(self) -> list[Orca]:  # type: ignore[override]
-        """The training styles of the paper: d = 0.1, 0.3 and 0.5, everything else as here."""
-        return [self.replace(d=d) for d in SOURCE_STYLES]  # type: ignore[misc]
+    def sources(self, styles: Sequence[float] = SOURCE_STYLES) -> list[Orca]:  # type: ignore[override]
+        """Crowds of other styles to train on, everything else as here; by default those of the paper, 0.1, 0.3, 0.5."""
+        return [self.replace(d=d) for d in styles]  # type: ignore[misc]
 
     def infeasible(self, split: str) -> int:
         """Scenes of a split in which some agent once had no velocity that satisfies all half-planes."""

@@ -109,6 +109,7 @@ def trainings() -> dict[str, Training]:
     crossed = {**joint, "epochs": (10, 8, 10)}
     found["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
     found["style"] = Training("orca:d=0.4")
+    found["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
     found["style/blind"] = Training("orca:d=0.4,radius=7")
     found |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     return found

@@ -199,7 +199,8 @@ def _resampled_means(
     enough = (sums[:, metrics:] > 0).sum(axis=0) >= 2
     if not enough.any():
         return mean, np.full((replicates, metrics), np.nan)
-    means = np.concatenate([_ratio(weights.astype(np.float64, copy=False) @ sums) for weights in _resamples(len(ids), replicates, seed)])
+    drawn = _resamples(len(ids), replicates, seed)
+    means = np.concatenate([_ratio(weights.astype(np.float64, copy=False) @ sums) for weights in drawn])
     return mean, np.where(enough, means, np.nan)
 
 
