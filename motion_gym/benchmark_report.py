@@ -5,9 +5,10 @@ The tables are made from the results. The choice on the sources and the figure o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
-from motion_gym import catalog, figures, seed_tables, source_selection, style_report
+from motion_gym import adaptation_report, catalog, figures, pretraining, seed_tables, source_selection, style_report
 from motion_gym.benchmarks import PLAIN, SAMPLES, Found, Part
 from motion_gym.contract import Domain
 from motion_gym.storage import write_atomic
@@ -16,8 +17,15 @@ DRAWN = ("erm_no_sigma", "erm", "counterfactual", "invariant", "vrex", "group_dr
 """Predictors of the figure of one scene."""
 
 
-def write(name: str, found: Found, folder: Path) -> list[Path]:
+Report = Callable[[int, int, str], None]
+
+
+def write(name: str, found: Found, folder: Path, report: Report = lambda done, of, what: None) -> list[Path]:
     """Write tables and figures of a benchmark into ``folder``; returns their paths."""
+    if name == "pretraining":
+        text, paths = pretraining.write(folder, report)
+        write_atomic(folder / "tables.md", (text + "\n").encode())
+        return [folder / "tables.md", *paths]
     texts = [seed_tables.markdown(part, results) for part, results in found]
     more, written = REPORTS[name](found, folder)
     path = folder / "tables.md"
@@ -42,7 +50,7 @@ def _original(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
 
 def _style(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
     part, results = found[0]
-    texts = [style_report.beside_published(found), style_report.claims(found)]
+    texts = [style_report.beside_published(found), style_report.claims(found, style_report.CLAIMS)]
     path = folder / "ade.svg"
     figures.error_over(part, results, "ADE", path, "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
     curves = folder / "references.svg"
@@ -50,7 +58,30 @@ def _style(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
     return texts, [path, curves]
 
 
-REPORTS = {"spurious": _spurious, "original": _original, "style": _style}
+def _transfer(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+    texts = [style_report.claims(found, adaptation_report.TRANSFER_CLAIMS), adaptation_report.schedules(*found[-1])]
+    paths = []
+    for (part, results), name in zip(found, ("honest", "paper"), strict=False):
+        paths.append(folder / f"{name}.svg")
+        figures.error_over(part, results, "ADE", paths[-1], "batches of 64 scenes of d = 0.6", log=False)
+    return texts, paths
+
+
+def _refinement(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+    part, results = found[0]
+    paths = [folder / "ade.svg", folder / "two_agents.svg"]
+    figures.error_over(part, results, "ADE", paths[0], "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
+    adaptation_report.two_agents(part, paths[1])
+    return [style_report.claims(found, adaptation_report.REFINEMENT_CLAIMS)], paths
+
+
+REPORTS = {
+    "spurious": _spurious,
+    "original": _original,
+    "style": _style,
+    "transfer": _transfer,
+    "refinement": _refinement,
+}
 """What each benchmark has besides the tables of its parts: further tables, after the first one, and figures."""
 
 
@@ -58,8 +89,10 @@ def _first_domain(part: Part) -> Domain:
     return catalog.domain(next(iter(part.domains.values())))
 
 
-def short(name: str, found: Found) -> str:
-    """The table for a README."""
+def short(name: str, found: Found, folder: Path) -> str:
+    """The table for a README, after ``write``."""
+    if name == "pretraining":
+        return (folder / "tables.md").read_text().strip()
     if name == "original":
         return seed_tables.original_beside_published(found)
     return seed_tables.short(*found[0])

@@ -55,6 +55,7 @@ class Part:
         protocol: Protocol of every run.
         references: Reference scenes that a predictor with a style is shown; None for all.
         pooled: Further columns, each the mean of some columns.
+        shots: Scenes that are given to learn from, by column; none where it is not named.
     """
 
     title: str
@@ -65,12 +66,25 @@ class Part:
     protocol: str = "honest"
     references: int | None = None
     pooled: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    shots: Mapping[str, int] = field(default_factory=dict)
 
     def runs(self) -> Iterator[tuple[str, str]]:
-        """Predictor and domain of every run."""
-        yield from ((row, domain) for row in self.plain for domain in self.domains.values())
+        """Predictor and column of every run."""
+        yield from ((row, column) for row in self.plain for column in self.domains)
         for row in self.trained:
-            yield from ((spec, domain) for spec in self.seeds_of(row).values() for domain in self.domains.values())
+            yield from ((spec, column) for spec in self.seeds_of(row).values() for column in self.domains)
+
+    def column_of(self, result: Mapping[str, Any]) -> str:
+        """Name of the column that a result belongs to."""
+        of = result["identity"]
+        return self._columns[of["domain"], of["shots"]]
+
+    @functools.cached_property
+    def _columns(self) -> dict[tuple[str, int], str]:
+        return {
+            (results.domain_key(catalog.domain(spec)), self.shots.get(name, 0)): name
+            for name, spec in self.domains.items()
+        }
 
     def seeds_of(self, row: str) -> dict[int, str]:
         """Specs of a trained row by the seeds of its weights.
@@ -86,7 +100,7 @@ class Part:
                 f"Trained rows need PyTorch, and {error.name} is not installed: "
                 'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'
             ) from None
-        _, card = read(locate(self.weights, row))
+        _, card = read(locate(self.weights, getattr(catalog.predictor(row), "weights_name", row)))
         name, parameters = catalog.parse_spec(row)
         return {
             seed: catalog.format_spec(name, {**parameters, "weights": self.weights, "seed": seed})
@@ -152,7 +166,21 @@ def _styles(
     return Part(title, domains, plain, trained, weights, pooled={"IID": ("0.1", "0.3", "0.5")}, **how)
 
 
+REFINED = ("modular", "refine:of=modular")
+TUNED = ("all", "style", "modulator", "last_layer")
+"""What is tuned; see ``predictors.transfer``."""
+SCHEDULES = tuple((epochs, rate) for rate in (1e-4, 1e-3, 1e-2) for epochs in (30, 100, 300))
+"""Epochs and rates to choose from on a style that was left out."""
+
+
+def _shots(title: str, d: float, batches: Sequence[int], trained: Sequence[str], weights: str, **how: Any) -> Part:
+    domains = {str(n): f"orca:d={d}" for n in batches}
+    shots = {str(n): 64 * n for n in batches}
+    return Part(title, domains, ("constant_velocity",), trained, weights, references=0, shots=shots, **how)
+
+
 BENCHMARKS: dict[str, tuple[Part, ...]] = {
+    "pretraining": (),  # nothing to score: see ``pretraining``
     "spurious": (
         Part(
             "Spurious shift: trained with alpha 1, 2, 4, 8 at four places, tested on eth",
@@ -210,6 +238,52 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             references=REFERENCES,
         ),
     ),
+    "refinement": (
+        _styles(
+            "Refinement towards 64 reference scenes, by the number of steps",
+            ("modular_invariant", "refine:steps=1", "refine", "refine:steps=10", "refine:steps=30", *REFINED),
+            "style",
+            plain=("constant_velocity",),
+            references=REFERENCES,
+        ),
+        _styles(
+            "The same by the published protocol",
+            ("modular_invariant", "refine", *REFINED),
+            "style",
+            plain=("constant_velocity",),
+            protocol="paper",
+        ),
+    ),
+    "transfer": (
+        _shots(
+            "Low-shot transfer to d = 0.6, by the number of batches of 64 scenes",
+            0.6,
+            range(7),
+            (
+                "modular_invariant",
+                "refine",
+                *(f"transfer:parts={parts}" for parts in TUNED),
+                "refine:of=transfer",
+                "ego_modular",
+            ),
+            "style",
+        ),
+        _shots(
+            "The same by the published protocol",
+            0.6,
+            range(7),
+            ("modular_invariant", "refine", *(f"transfer:parts={parts}" for parts in TUNED), "refine:of=transfer"),
+            "style",
+            protocol="paper",
+        ),
+        _shots(
+            "Schedules: trained with d = 0.1 and 0.3, tuned to d = 0.5",
+            0.5,
+            (1, 2, 6),
+            [f"transfer:parts={parts},epochs={e},rate={r:g}" for parts in TUNED for e, r in SCHEDULES],
+            "style/held_out",
+        ),
+    ),
 }
 """Parts of every benchmark by its name."""
 
@@ -230,16 +304,22 @@ def run(name: str, folder: Path, report: Callable[[int, int, str], None] = lambd
         SpecError: there is no such benchmark.
         PredictorError: weights of a row are missing.
     """
-    jobs = [(part, predictor, domain) for part in parts(name) for predictor, domain in part.runs()]
+    jobs = [(part, predictor, column) for part in parts(name) for predictor, column in part.runs()]
     found: dict[int, dict[str, Any]] = {}
     # One domain after the other, as its windows and resamples are kept.
-    for spec in dict.fromkeys(domain for _, _, domain in jobs):
+    for spec in dict.fromkeys(part.domains[column] for part, _, column in jobs):
         place = catalog.domain(spec)
-        for number, (part, predictor, domain) in enumerate(jobs):
-            if domain == spec:
-                report(len(found), len(jobs), f"{predictor} on {domain}")
+        for number, (part, predictor, column) in enumerate(jobs):
+            if part.domains[column] == spec:
+                report(len(found), len(jobs), f"{predictor} on {spec}")
                 found[number] = results.run(
-                    predictor, place, folder, k=SAMPLES, protocol=part.protocol, references=part.references
+                    predictor,
+                    place,
+                    folder,
+                    k=SAMPLES,
+                    protocol=part.protocol,
+                    references=part.references,
+                    shots=part.shots.get(column, 0),
                 )
     return [(p, [found[number] for number, job in enumerate(jobs) if job[0] is p]) for p in parts(name)]
 
@@ -255,8 +335,17 @@ def read(name: str, folder: Path) -> Found:
     found = []
     for part in parts(name):
         keys = [
-            (predictor, results.domain_key(catalog.domain(domain)), "test", part.protocol, SAMPLES, 0, part.references)
-            for predictor, domain in part.runs()
+            (
+                predictor,
+                results.domain_key(catalog.domain(part.domains[column])),
+                "test",
+                part.protocol,
+                SAMPLES,
+                0,
+                part.references,
+                part.shots.get(column, 0),
+            )
+            for predictor, column in part.runs()
         ]
         missing = [f"{key[0]} on {key[1]}" for key in keys if key not in there]
         if missing:

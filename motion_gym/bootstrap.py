@@ -172,7 +172,7 @@ def summarise(
     for column, name in enumerate(scores):
         there = ~np.isnan(table[:, column])
         mean, low, high = (float(part[column]) for part in interval)
-        scenes, agents = (np.count_nonzero(np.bincount(index[there])) for index in (scene_index, agent))
+        scenes, agents = (int(np.count_nonzero(np.bincount(index[there]))) for index in (scene_index, agent))
         summaries[name] = Summary(mean, low, high, int(there.sum()), scenes, agents)
     return summaries
 

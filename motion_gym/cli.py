@@ -41,6 +41,7 @@ def score(
     split: str = "test",
     seed: int = 0,
     references: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    shots: int = 0,
     weights: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     out: Out = None,
 ) -> None:
@@ -56,6 +57,7 @@ def score(
         split: Split to score.
         seed: Seed of samples and fits.
         references: Reference scenes that predictors with a style are shown; all by default.
+        shots: Scenes of the domain's training split that `transfer` is tuned on, and that those with a style are shown.
         weights: Weights of those predictors that have some: a name, as spurious, or a .safetensors file.
         out: Folder for one JSON file per run; a run that is there already is not run again.
     """
@@ -76,6 +78,7 @@ def score(
         split=split,
         seed=seed,
         references=references,
+        shots=shots,
     )
 
 

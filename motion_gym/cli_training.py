@@ -94,7 +94,7 @@ def run(
     Writes OUT/BENCHMARK/: one JSON file per run (a run that is there already is not run again), tables.md and figures.
 
     Args:
-        benchmark: spurious, original or style.
+        benchmark: spurious, original, style, transfer, refinement or pretraining (which trains, for some minutes).
         out: Folder of all results.
         into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the short table into.
     """
@@ -105,13 +105,13 @@ def run(
         report.check_markers(into, benchmark)
     with progress_bar() as progress:
         task = progress.add_task(benchmark, total=None)
-        found = benchmarks.run(
-            benchmark,
-            folder,
-            lambda done, of, what: progress.update(task, total=of, completed=done, description=escape(what)),
-        )
-    written = benchmark_report.write(benchmark, found, folder)
-    table = benchmark_report.short(benchmark, found)
+
+        def report_to(done: int, of: int, what: str) -> None:
+            progress.update(task, total=of, completed=done, description=escape(what))
+
+        found = benchmarks.run(benchmark, folder, report_to)
+        written = benchmark_report.write(benchmark, found, folder, report_to)
+    table = benchmark_report.short(benchmark, found, folder)
     say(table)
     if into is not None:
         changed = report.insert(into, benchmark, table)

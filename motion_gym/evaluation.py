@@ -65,6 +65,7 @@ class Scorecard:
         scored: Which agents were scored.
         selection: How the weights were selected.
         reference_scenes: Reference scenes that the predictor saw.
+        shots: Scenes of the training split of the domain that the predictor was tuned on, or read a style from.
         seconds: Wall time of the forecasts, fitting not included.
         peak_memory: Bytes, of the whole process so far.
         values: [A] values per agent-window by name of the metric; not written to files.
@@ -87,6 +88,7 @@ class Scorecard:
     scored: str
     selection: str
     reference_scenes: int
+    shots: int
     seconds: float
     peak_memory: int
     values: Mapping[str, np.ndarray]
@@ -134,6 +136,7 @@ def evaluate(
     protocol: str = "honest",
     seed: int = 0,
     references: int | None = None,
+    shots: int = 0,
     through: str = "arrays",
     **parameters: Any,
 ) -> Scorecard:
@@ -149,6 +152,9 @@ def evaluate(
         seed: Seed of the samples, and of the fit.
         references: Reference scenes that a predictor with ``observe`` is shown under ``honest``, the first ones of the
             domain; None for all.
+        shots: Scenes of the domain's own training split, the first ones: a predictor with ``tune`` is tuned on them,
+            and one with ``observe`` is shown them under ``honest``. Under ``paper``, what is tuned is also given the
+            validation split, to select by.
         through: ``arrays`` asks for all windows at once; ``environment`` steps the PettingZoo environment. The scores
             are the same for every predictor whose forecasts do not depend on the batch.
         **parameters: Parameters of the domain.
@@ -170,6 +176,7 @@ def evaluate(
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
     if references is not None:
         references = catalog.whole_number("references", references, 0, 10**9)
+    shots = catalog.whole_number("shots", shots, 0, 10**9)
     place = catalog.domain(domain, **parameters)
     truth = windows_of_domain(place, split)
     if not len(truth.future):
@@ -179,15 +186,18 @@ def evaluate(
     leaking = observes and protocol == "paper"
     if leaking and through == "environment":
         raise SpecError("The paper protocol shows a predictor the batch it forecasts: use through='arrays'.")
-    shown = 0
+    shown, tunes = 0, hasattr(made, "tune")
+    few = _first_scenes(place, "train", shots) if shots and (tunes or observes) else None
+    if few is not None:
+        _refuse_shared(made, "training", few, truth, split)
+        if tunes:
+            learner: Any = made
+            learner.tune(few, windows_of_domain(place, "val") if protocol == "paper" else None)
+        if observes and protocol == "honest":
+            tell(made, few)
     if observes and protocol == "honest":
-        reference = _first_references(place, references)
-        shared = _shared_agents(reference, truth)
-        if shared:
-            raise SpecError(
-                f"{name_of(made)} is shown the reference scenes, and {shared} of their agent-windows are in split "
-                f"`{split}`: the honest protocol scores only what a predictor was not shown. Score another split."
-            )
+        reference = place.reference() if references is None else _first_scenes(place, "reference", references)
+        _refuse_shared(made, "reference", reference, truth, split)
         tell(made, reference)
         shown = reference.observation.scenes
     began = time.perf_counter()
@@ -221,6 +231,7 @@ def evaluate(
         scored=_scored(truth),
         selection=getattr(made, "selection", UNSTATED),
         reference_scenes=shown,
+        shots=0 if few is None else shots,
         seconds=seconds,
         peak_memory=_peak_memory(),
         values=values,
@@ -228,16 +239,24 @@ def evaluate(
     )
 
 
-def _first_references(domain: Domain, most: int | None) -> Truth:
-    reference = domain.reference()
-    if most is None:
-        return reference
-    if most > reference.observation.scenes:
+def _first_scenes(domain: Domain, split: str, most: int) -> Truth:
+    there = domain.reference() if split == "reference" else windows_of_domain(domain, split)
+    if most > there.observation.scenes:
+        option, kind = ("references", "reference") if split == "reference" else ("shots", "training")
         raise SpecError(
-            f"`references={most}`: {domain.card.name} has {reference.observation.scenes} reference scenes. Ask for at "
-            "most as many."
+            f"`{option}={most}`: {domain.card.name} has {there.observation.scenes} {kind} scenes. Ask for at most as "
+            "many."
         )
-    return pick_scenes(reference, slice(0, most))
+    return pick_scenes(there, slice(0, most))
+
+
+def _refuse_shared(predictor: Predictor, kind: str, shown: Truth, scored: Truth, split: str) -> None:
+    shared = _shared_agents(shown, scored)
+    if shared:
+        raise SpecError(
+            f"{name_of(predictor)} is shown the {kind} scenes, and {shared} of their agent-windows are in split "
+            f"`{split}`: only what a predictor was not shown can be scored. Score another split."
+        )
 
 
 def default_k(protocol: str) -> int:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from motion_gym import catalog
 from motion_gym.benchmarks import Part
-from motion_gym.contract import FUTURE, SpecError
+from motion_gym.contract import FUTURE, SpecError, Truth
 from motion_gym.harness import ask, ready
 from motion_gym.seed_tables import over_seeds
 from motion_gym.storage import write_atomic
@@ -43,7 +43,13 @@ def error_over(
 
 
 def curves(
-    lines: Mapping[str, Mapping[float, np.ndarray]], path: Path, x_label: str, y_label: str, title: str, scale: str
+    lines: Mapping[str, Mapping[float, np.ndarray]],
+    path: Path,
+    x_label: str,
+    y_label: str,
+    title: str,
+    scale: str,
+    ticks: Sequence[float] | None = None,
 ) -> None:
     """A line for each row through the means over seeds, with a band of one standard deviation.
 
@@ -54,6 +60,7 @@ def curves(
         y_label: Of the y axis.
         title: Above the figure.
         scale: Of the x axis: ``linear``, ``log``, or ``symlog``, which has a place for 0.
+        ticks: Of the x axis; by default all places.
     """
     figure = Figure(figsize=(8, 4.8), layout="constrained")
     axes = figure.subplots()
@@ -65,11 +72,19 @@ def curves(
             np.array([c.std(ddof=1) if len(c) > 1 else 0 for c in columns]),
         )
         dashed = len(columns[0]) == 1
-        axes.plot(places, mean, "--" if dashed else "o-", color=color, label=row, markersize=4, linewidth=1.4)
+        axes.plot(
+            places,
+            mean,
+            "--" if dashed else "o-" if len(places) < 20 else "-",
+            color=color,
+            label=row,
+            markersize=4,
+            linewidth=1.4,
+        )
         axes.fill_between(places, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
     if scale != "linear":
         axes.set_xscale(scale, base=2)
-    ticks = sorted({place for points in lines.values() for place in points})
+    ticks = ticks or sorted({place for points in lines.values() for place in points})
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
@@ -121,6 +136,35 @@ def one_scene(part: Part, rows: Sequence[str], path: Path) -> None:
     figure.legend(
         *panels[0].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=6, frameon=False
     )
+    _write(figure, path)
+
+
+def two_agents(panels: Mapping[str, Mapping[int, np.ndarray]], scene: Truth, path: Path) -> None:
+    """Forecasts of one scene as they are refined step by step, a panel for each style that they are refined towards.
+
+    Args:
+        panels: Positions [agents, 12, 2] by number of steps, by the heading of the panel.
+        scene: The scene.
+        path: Where the SVG goes.
+    """
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    each = figure.subplots(1, len(panels), sharex=True, sharey=True)
+    colors = matplotlib.colormaps["viridis"]
+    for axes, (title, forecasts) in zip(each, panels.items(), strict=True):
+        for person, (past, then) in enumerate(zip(scene.observation.xy, scene.future, strict=True)):
+            label = ("observed", "truth") if not person else (None, None)
+            axes.plot(*past.T, "-", color="0.6", linewidth=2, label=label[0])
+            axes.plot(*np.vstack([past[-1:], then]).T, "-", color="black", linewidth=2, label=label[1])
+            for number, (steps, forecast) in enumerate(forecasts.items()):
+                line = np.vstack([past[-1:], forecast[person]])
+                color = colors(number / max(len(forecasts) - 1, 1))
+                axes.plot(*line.T, "-", color=color, linewidth=1.2, label=None if person else f"{steps} steps")
+        axes.set_title(title, fontsize=10)
+        axes.set_aspect("equal", adjustable="box")
+        axes.set_xlabel("x, metres")
+        axes.set_ylabel("y, metres")
+        axes.label_outer()
+    figure.legend(*each[0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=8, frameon=False)
     _write(figure, path)
 
 

@@ -28,7 +28,7 @@ from motion_gym.storage import write_atomic
 
 PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
 SCHEMA = 1
-IDENTIFIED = ("predictor", "domain", "split", "protocol", "k", "seed", "references")
+IDENTIFIED = ("predictor", "domain", "split", "protocol", "k", "seed", "references", "shots")
 """Names of what ``key_of`` gives."""
 
 
@@ -42,6 +42,7 @@ def run(
     protocol: str = "honest",
     seed: int = 0,
     references: int | None = None,
+    shots: int = 0,
 ) -> dict[str, Any]:
     """Evaluate, or read the result of the same run from ``folder`` if it is there.
 
@@ -53,7 +54,7 @@ def run(
     """
     k = default_k(protocol) if k is None else k
     canonical = json.dumps(
-        _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed, references),
+        _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed, references, shots),
         sort_keys=True,
         default=str,
     )
@@ -66,7 +67,9 @@ def run(
         if found["identity"] != identity:
             raise DataError(f"{path} is the result of another run. Delete or move it, and run the command again.")
         return found
-    card = evaluate(predictor, domain, split=split, k=k, protocol=protocol, seed=seed, references=references)
+    card = evaluate(
+        predictor, domain, split=split, k=k, protocol=protocol, seed=seed, references=references, shots=shots
+    )
     result = {
         "schema": SCHEMA,
         **card.as_dict(),
@@ -195,6 +198,7 @@ def _identity(
     protocol: str,
     seed: int,
     references: int | None,
+    shots: int,
 ) -> Mapping[str, Any]:
     card = domain.card
     return {
@@ -211,6 +215,7 @@ def _identity(
         "protocol": protocol,
         "seed": seed,
         "references": references,
+        "shots": shots,
         "motion_gym": versions()["motion-gym"],
         "motion_gym_code": package_code(),
     }

@@ -10,7 +10,6 @@ import numpy as np
 from motion_gym import catalog, published
 from motion_gym.benchmarks import SAMPLES, Part
 from motion_gym.report import number
-from motion_gym.results import domain_key
 
 Result = Mapping[str, Any]
 
@@ -30,11 +29,9 @@ def row_of(result: Result) -> str:
 
 def over_seeds(part: Part, results: Sequence[Result], metric: str) -> dict[tuple[str, str], np.ndarray]:
     """Values of the seeds by row and column, the pooled columns included."""
-    names = {domain_key(catalog.domain(spec)): name for name, spec in part.domains.items()}
     found: dict[tuple[str, str], list[float]] = {}
     for result in results:
-        key = row_of(result), names[result["identity"]["domain"]]
-        found.setdefault(key, []).append(result["metrics"][metric]["mean"])
+        found.setdefault((row_of(result), part.column_of(result)), []).append(result["metrics"][metric]["mean"])
     for row in dict.fromkeys(row for row, _ in found):
         for name, columns in part.pooled.items():
             found[row, name] = np.mean([found[row, column] for column in columns], axis=0).tolist()

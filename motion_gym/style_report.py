@@ -53,8 +53,13 @@ def beside_published(found: Found) -> str:
     return "\n".join(lines)
 
 
-def claims(found: Found) -> str:
-    """Which claims hold, by the paired differences of the seeds, under the honest protocol."""
+def claims(found: Found, claimed: Sequence[tuple[str, str, str]]) -> str:
+    """Which claims hold, by the paired differences of the seeds, under the honest protocol.
+
+    Args:
+        found: The parts with their results.
+        claimed: Rows B and A, and what is claimed of them.
+    """
     lines = [
         "### Claims, tested in pairs of seeds",
         "",
@@ -68,7 +73,7 @@ def claims(found: Found) -> str:
     tested: list[tuple[str, float]] = []
     for part, results in found:
         values = over_seeds(part, results, "ADE")
-        for first, second, claim in CLAIMS:
+        for first, second, claim in claimed:
             if part.protocol != "honest" or not {first, second} <= set(part.trained):
                 continue
             for column in (*part.pooled, *part.domains):

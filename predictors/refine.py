@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,6 +11,8 @@ from torch import Tensor
 
 from motion_gym import catalog
 from motion_gym.contract import Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.harness import name_of
+from motion_gym.predictors.around import Around
 from motion_gym.predictors.pair_network import walked
 from motion_gym.predictors.style_loss import TEMPERATURE
 
@@ -45,7 +46,7 @@ class Refinable(Protocol):
         ...
 
 
-class Refine:
+class Refine(Around):
     """A predictor around one with a style encoder, that refines each of its forecasts (the paper's section 3.3).
 
     The style embedding of a forecast is drawn towards those of the reference scenes by a few steps of Adam on the
@@ -63,6 +64,9 @@ class Refine:
         PredictorError: the predictor has no style encoder.
     """
 
+    kind = "refine"
+    settings = ("steps", "rate")
+
     def __init__(
         self,
         of: Any = "modular_invariant",
@@ -71,37 +75,22 @@ class Refine:
         weights: str | Path | None = None,
         seed: int | None = None,
     ):
-        if isinstance(of, str):
-            given = {"weights": weights, "seed": seed}
-            name, parameters = catalog.parse_spec(of)
-            known = {key: value for key, value in given.items() if value is not None}
-            of = catalog.predictor(catalog.format_spec(name, {**parameters, **known}))
-        if not isinstance(of, Refinable):
+        super().__init__(of, weights, seed)
+        if not isinstance(self.inner, Refinable):
             raise PredictorError(
-                f"{getattr(of, 'name', type(of).__name__)} has no style encoder, so that there is nothing to refine a "
+                f"{name_of(self.inner)} has no style encoder, so that there is nothing to refine a "
                 "forecast by: use modular or modular_invariant."
             )
         if isinstance(rate, (bool, str)) or not 0 < rate < float("inf"):
             raise SpecError(f"`rate={rate}` must be a number above 0.")
         self.steps, self.rate = catalog.whole_number("steps", steps, 0, 10_000), float(rate)
-        self.inner: Any = copy.deepcopy(of)
         self.towards = np.zeros(0)
         self.scenes = 0
 
-    @property
-    def name(self) -> str:
-        """The predictor that is refined, and how."""
-        return f"refine:of={self.inner.name},steps={self.steps},rate={self.rate:g}"
-
-    @property
-    def selection(self) -> str:
-        """How the weights were selected; nothing is selected by refining."""
-        return str(self.inner.selection)
-
-    @property
-    def fingerprint(self) -> str:
-        """sha256 of the weights."""
-        return str(self.inner.fingerprint)
+    def tune(self, scenes: Truth, validation: Truth | None = None) -> None:
+        """Tune the predictor, if it can be tuned; see ``Transfer``."""
+        if hasattr(self.inner, "tune"):
+            self.inner.tune(scenes, validation)
 
     def observe(self, truth: Truth) -> None:
         """Read the style, and the embeddings to refine towards, from scenes whose 20 steps are all known."""

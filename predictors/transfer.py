@@ -2,160 +2,164 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import hashlib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
-import numpy as np
-import torch
 from torch import Tensor
 
-from motion_gym import training
-from motion_gym.catalog import suggest, whole_number
-from motion_gym.contract import FUTURE, PredictorError, SpecError, Truth
-from motion_gym.predictors import pair_network
+from motion_gym import catalog, training
+from motion_gym.contract import Observation, PredictorError, SpecError, Truth
+from motion_gym.harness import name_of
+from motion_gym.predictors.around import Around
 from motion_gym.predictors.modular import Modular
-from motion_gym.predictors.pair_network import AGENTS, Pairs
-from motion_gym.predictors.style_loss import style_loss
+from motion_gym.predictors.objectives import number
 from motion_gym.predictors.style_training import mean_code
+from motion_gym.predictors.transfer_training import BATCH, PARTS, TransferProgram
 from motion_gym.predictors.weighted import Weights
-from motion_gym.training import Stage
-from motion_gym.windows import pick_scenes
+from motion_gym.windows import check_truth, digest
 
-PARTS: Mapping[str, tuple[str, ...]] = {
-    "all": ("encoder", "decoder", "style", "modulator", "head"),
-    "style": ("decoder", "style", "modulator", "head"),
-    "modulator": ("modulator",),
-    "last_layer": ("decoder.weight4", "decoder.bias4"),
+SCHEDULES: Mapping[str, tuple[int, float]] = {
+    "all": (300, 1e-3),
+    "style": (300, 1e-3),
+    "modulator": (300, 1e-3),
+    "last_layer": (300, 1e-3),
 }
-"""Weights that are tuned: everything; all but the scene encoder (psi, f, g of the paper); f alone; the last layer."""
-BATCH = 64
-"""Scenes of a step; the style of a step is the mean code of its own scenes."""
+"""Epochs and rate by what is tuned, chosen on a style that was left out of training (`motion-gym run transfer`)."""
+PUBLISHED = (300, 1e-3)
+"""Epochs and rate of the released program, which takes the epoch that is best on validation scenes of the target."""
+KEPT = 8
+"""Tuned weights that are kept: those of all seeds come about together, and are asked for one after the other."""
+
+_kept: dict[str, Weights] = {}
 
 
-def transfer(
-    predictor: Modular,
-    scenes: Truth,
-    sources: Sequence[Truth],
-    batches: int,
-    parts: str = "modulator",
-    epochs: int = 300,
-    rate: float = 1e-3,
-    style_weight: float = 0.05,
-    target: Truth | None = None,
-) -> Modular:
-    """Tune all seeds of a predictor to the first ``batches`` times 64 scenes.
+class Transfer(Around):
+    """A predictor around a modular one, that is tuned on a few scenes of a new style (the paper's section 4.2).
 
-    The number of epochs and the rate are fixed beforehand, and choose them on a style that is not the target. With
-    ``target``, validation scenes of the target, the best epoch on these is taken, as the released program does: that
-    looks at 3,000 scenes to select what was tuned on a few, and is the protocol ``paper``.
+    ``tune`` begins with the trained weights each time. Until it is called, forecasts are those of the predictor that it
+    begins with.
 
     Args:
-        predictor: With weights; it stays as it is.
-        scenes: Scenes of the new style, complete ones, of two agents.
-        sources: Training windows of each source environment, which the style loss sets the new style apart from.
-        batches: n; 0 gives an untouched copy.
-        parts: What is tuned, see ``PARTS``.
-        epochs: Passes over the scenes.
-        rate: Learning rate of Adam.
-        style_weight: Factor of the style loss.
-        target: Validation scenes of the target; None under the honest protocol.
-
-    Returns:
-        A tuned copy, which has observed nothing yet; its ``selection`` says how it came about.
+        of: Name of a modular predictor, or such a predictor; a copy of it is used.
+        parts: What is tuned: ``all``; ``style``, all but the scene encoder (psi, f and g of the paper); ``modulator``,
+            f alone; ``last_layer``, that of the decoder.
+        epochs: Passes over the scenes; by default ``SCHEDULES``, or ``PUBLISHED`` where validation scenes are given.
+        rate: Learning rate of Adam; by default as ``epochs``.
+        style_weight: Factor of the style loss, which sets the new style apart from those of training.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
 
     Raises:
-        SpecError: ``parts`` or a number is not known or allowed.
-        PredictorError: there are fewer scenes than asked for, or no source.
+        SpecError: an argument is not known or not allowed.
+        PredictorError: the predictor is not modular.
     """
-    if parts not in PARTS:
-        raise SpecError(f"There is no `parts={parts}` to tune.{suggest(str(parts), PARTS)}")
-    batches, epochs = whole_number("batches", batches, 0, 10**6), whole_number("epochs", epochs, 1, 10**6)
-    if isinstance(rate, (bool, str)) or not 0 < rate < float("inf"):
-        raise SpecError(f"`rate={rate}` must be a number above 0.")
-    there = scenes.observation.scenes
-    if batches * BATCH > there:
-        raise PredictorError(
-            f"{batches} batches of {BATCH} scenes were asked for, and there are {there} scenes: give more, or at most "
-            f"{there // BATCH} batches."
-        )
-    if style_weight and not sources:
-        raise PredictorError("The style loss compares the new style with others: give `sources`, or style_weight=0.")
-    predictor.fingerprint  # noqa: B018  # loads the weights, or says that there are none
-    made = type(predictor)(seed=predictor.seed)
-    weights, how = predictor.stacked, "untouched"
-    if batches:
-        shown = pick_scenes(scenes, slice(0, batches * BATCH))
-        program = TransferProgram(weights, shown, sources, parts, epochs, rate, style_weight, target)
-        seeds = predictor.card.get("seeds", list(range(len(weights["prior.dt"]))))
-        weights = training.train(program, seeds).weights
-        weights["prior.code"] = mean_code([program.pairs, *program.sources], weights)
-        chosen = "the best epoch on validation scenes of the target" if target is not None else "the last epoch"
-        how = f"{parts} tuned on {batches * BATCH} scenes, {epochs} epochs at rate {rate:g}, {chosen}"
-    made.use(weights, {**predictor.card, "selection": f"{predictor.selection}; then {how}"})
-    return made
 
-
-class TransferProgram:
-    """Training of some parts on a few scenes of one environment.
-
-    Args:
-        weights: To begin with, [M, ...].
-        scenes: Of the new style, a multiple of 64.
-        sources: Training windows of each source.
-        parts: What is tuned, see ``PARTS``.
-        epochs: Passes over the scenes.
-        rate: Learning rate.
-        style_weight: Factor of the style loss.
-        target: Scenes that the epoch is selected on; None for the last one.
-    """
+    kind = "transfer"
+    settings = ("parts", "epochs", "rate", "style_weight")
+    inner: Modular
 
     def __init__(
         self,
-        weights: Weights,
-        scenes: Truth,
-        sources: Sequence[Truth],
-        parts: str,
-        epochs: int,
-        rate: float,
-        style_weight: float,
-        target: Truth | None,
+        of: Any = "modular_invariant",
+        parts: str = "modulator",
+        epochs: int | None = None,
+        rate: float | None = None,
+        style_weight: float = 0.05,
+        weights: str | Path | None = None,
+        seed: int | None = None,
     ):
-        self.begin, self.pairs, self.style_weight = weights, Pairs.of(scenes), style_weight
-        self.sources = [Pairs.of(pick_scenes(source, slice(0, 50 * BATCH))) for source in sources]
-        self.target = None if target is None else Pairs.of(target)
-        rates = {part: rate for part in PARTS[parts]}
-        self.stages = [Stage("transfer", epochs, rates, selects=target is not None)]
-        self.config = {"parts": parts, "style_weight": style_weight}
+        super().__init__(of, weights, seed)
+        if not isinstance(self.inner, Modular):
+            raise PredictorError(f"{name_of(self.inner)} cannot be tuned to a style: use modular or modular_invariant.")
+        if parts not in PARTS:
+            raise SpecError(f"There is no `parts={parts}` to tune.{catalog.suggest(str(parts), PARTS)}")
+        if rate is not None and number("rate", rate) == 0:
+            raise SpecError("`rate=0` tunes nothing: give a number above 0.")
+        self.parts, self.rate, self.style_weight = parts, rate, number("style_weight", style_weight)
+        self.epochs = None if epochs is None else catalog.whole_number("epochs", epochs, 1, 10**6)
+        self.how = ""
+        self.begin: tuple[Weights, dict[str, Any]] | None = None
 
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """A copy of the weights."""
-        return {name: value.clone() for name, value in self.begin.items()}
+    @property
+    def selection(self) -> str:
+        """How the weights were selected, and tuned."""
+        return super().selection + self.how
 
-    def state(self, models: int) -> Tensor:
-        """No state."""
-        return torch.zeros(0)
+    def tune(self, scenes: Truth, validation: Truth | None = None) -> None:
+        """Tune the weights, of all seeds at once.
 
-    def losses(
-        self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
-    ) -> Iterator[Tensor]:
-        """Losses [M] of the steps of an epoch."""
-        rng = np.random.default_rng([epoch, len(self.pairs)])
-        for index in rng.permutation(len(self.pairs)).reshape(-1, BATCH):
-            own = self.pairs.take(torch.from_numpy(index))
-            others = [s.take(torch.from_numpy(rng.choice(len(s), min(BATCH, len(s)), False))) for s in self.sources]
-            codes = pair_network.code(torch.cat([part.path for part in (own, *others)]), weights)
-            mean = codes[:, :BATCH].mean(dim=1, keepdim=True)
-            off = pair_network.forecast(own.history, mean, weights) - own.moves
-            loss = (off * off).sum(dim=(1, 2)) / (AGENTS * FUTURE)
-            if self.style_weight:
-                environment = torch.arange(1 + len(others)).repeat_interleave(
-                    torch.tensor([len(part) for part in (own, *others)])
-                )
-                loss = loss + self.style_weight * style_loss(pair_network.embed(codes, weights), environment)
-            yield loss
+        Args:
+            scenes: Complete scenes of the new style, a multiple of 64; of two agents.
+            validation: Further scenes of it to take the best epoch by, as the released program does: that looks at
+                3,000 scenes to select what was tuned on a few. Else the last epoch is taken.
 
-    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """ADE [M] on the target's scenes, metres; the style is that of the scenes tuned on."""
-        if self.target is None:
-            raise RuntimeError("A transfer without a target selects nothing.")
-        codes = pair_network.code(self.pairs.path, weights).mean(dim=1, keepdim=True)
-        return self.target.errors(pair_network.forecast(self.target.history, codes, weights)).mean(dim=(1, 2))
+        Raises:
+            DataError: it is no proper Truth.
+            PredictorError: there are no weights; the scenes are no multiple of 64, or not complete; or the domains that
+                the weights were trained on are not known.
+        """
+        check_truth(scenes, "What is to be tuned on")
+        count = scenes.observation.scenes
+        if not count or count % BATCH or not scenes.known.all():
+            raise PredictorError(
+                f"{self.name} is tuned on batches of {BATCH} complete scenes, and was given {count} scenes: give "
+                f"{max(count // BATCH, 1) * BATCH}, all of whose steps are known."
+            )
+        if self.begin is None:
+            self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
+            self.begin = self.inner.stacked, self.inner.card
+        weights, card = self.begin
+        trained_on = card.get("trained_on", ())
+        if self.style_weight and not trained_on:
+            raise PredictorError(
+                "The style loss compares the new style with those of training, and the weights of "
+                f"{self.inner.name} do not name the domains that they were trained on: set style_weight=0."
+            )
+        epochs, rate = SCHEDULES[self.parts] if validation is None else PUBLISHED
+        epochs, rate = self.epochs or epochs, self.rate or rate
+        sources = _windows(tuple(trained_on)) if self.style_weight else []
+        program = TransferProgram(weights, scenes, sources, self.parts, epochs, rate, self.style_weight, validation)
+        tuned = _trained(program, [scenes] if validation is None else [scenes, validation], card["seeds"])
+        chosen = "the last epoch" if validation is None else "the best epoch on validation scenes of the target"
+        self.how = f"; then {self.parts} tuned on {count} scenes, {epochs} epochs at rate {rate:g}, {chosen}"
+        self.inner.use(tuned, card)
+
+    def whole_scenes(self, truth: Truth) -> Truth | None:
+        """See ``Modular``, as for the next three, which are what ``Refine`` needs."""
+        return self.inner.whole_scenes(truth)
+
+    def latent(self, observation: Observation) -> Tensor:
+        """Latent [1, S, 16] of each scene."""
+        return self.inner.latent(observation)
+
+    def from_latent(self, latent: Tensor) -> Tensor:
+        """Displacements [1, S, 48], metres."""
+        return self.inner.from_latent(latent)
+
+    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
+        """Style embeddings [1, S, 8]."""
+        return self.inner.embedded(observation, moves)
+
+
+@lru_cache(maxsize=1)
+def _windows(specs: tuple[str, ...]) -> list[Truth]:
+    return [catalog.domain(spec).windows("train") for spec in specs]
+
+
+def _trained(program: TransferProgram, data: Sequence[Truth], seeds: Sequence[int]) -> Weights:
+    digests = [digest(truth)["sha256"] for truth in data]
+    stages = [(stage.epochs, stage.rates) for stage in program.stages]
+    key = hashlib.sha256(repr((digests, stages, program.config, seeds)).encode())
+    for name, value in program.begin.items():
+        key.update(name.encode() + value.numpy().tobytes())
+    name = key.hexdigest()
+    if name not in _kept:
+        made = training.train(program, seeds).weights
+        made["prior.code"] = mean_code([program.pairs, *program.sources], made)
+        _kept[name] = made
+        for old in list(_kept)[:-KEPT]:
+            del _kept[old]
+    return _kept[name]

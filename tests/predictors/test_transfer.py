@@ -7,20 +7,19 @@ import torch
 import motion_gym as mg
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.domains import training_set
-from motion_gym.metrics import score
 from motion_gym.predictors.modular import Modular
-from motion_gym.predictors.transfer import PARTS, transfer
+from motion_gym.predictors.refine import Refine
+from motion_gym.predictors.transfer import Transfer
+from motion_gym.predictors.transfer_training import PARTS
 from motion_gym.windows import pick_scenes
 
-
-@pytest.fixture(scope="module")
-def data():
-    return training_set(mg.domain("orca", scenes=200))
+SOURCES = [f"orca:d={d},scenes=200" for d in (0.1, 0.3, 0.5)]
 
 
 @pytest.fixture(scope="module")
-def source(data):
-    return Modular().fit(*data, [0, 1], epochs=(8, 2, 2, 4), scenes=16)
+def source():
+    data = training_set(mg.domain("orca", scenes=200))
+    return Modular().fit(*data, [0, 1], names=SOURCES, epochs=(8, 2, 2, 4), scenes=16)
 
 
 @pytest.fixture(scope="module")
@@ -28,52 +27,83 @@ def target():
     return mg.domain("orca:d=0.7,scenes=200")
 
 
-def tuned(made, source):
-    return {name for name, value in made.stacked.items() if not torch.equal(value, source.stacked[name])}
+def few(target, batches):
+    return pick_scenes(target.windows("train"), slice(0, batches * 64))
+
+
+def changed(made, source):
+    return {name for name, value in made.inner.stacked.items() if not torch.equal(value, source.stacked[name])}
 
 
 @pytest.mark.parametrize("parts", PARTS)
-def test_only_what_is_named_is_tuned(data, source, target, parts):
+def test_only_what_is_named_is_tuned(source, target, parts):
     before = {name: value.clone() for name, value in source.stacked.items()}
-    made = transfer(source, target.windows("train"), data[0], 1, parts, epochs=2)
+    made = Transfer(source, parts, epochs=2)
+    assert not changed(made, source)
+    made.tune(few(target, 1))
     expected = {name for name in before if name in PARTS[parts] or name.split(".")[0] in PARTS[parts]}
-    assert tuned(made, source) - {"prior.code"} == expected
+    assert changed(made, source) - {"prior.code"} == expected
     assert all(torch.equal(before[name], value) for name, value in source.stacked.items())
     assert f"{parts} tuned on 64 scenes, 2 epochs at rate 0.001, the last epoch" in made.selection
 
 
-def test_tuning_lowers_the_error_on_the_new_style(data, source, target):
-    made = transfer(source, target.windows("train"), data[0], 2, "style", epochs=60)
+def test_tuning_begins_with_the_trained_weights_each_time(source, target):
+    once, twice = Transfer(source, epochs=2), Transfer(source, epochs=2)
+    twice.tune(few(target, 2))
+    other = {name: value.clone() for name, value in twice.inner.stacked.items()}
+    for made in (once, twice):
+        made.tune(few(target, 1))
+    assert all(torch.equal(value, twice.inner.stacked[name]) for name, value in once.inner.stacked.items())
+    assert any(not torch.equal(value, twice.inner.stacked[name]) for name, value in other.items())
+
+
+def test_tuning_lowers_the_error_on_the_new_style(source, target):
     errors = []
-    for predictor in (source, made):
-        predictor.reset()
-        predictor.observe(target.reference())
-        truth = target.windows("test")
-        errors.append(score(predictor.predict(truth.observation), truth)["ADE"].mean())
+    for made in (source, Transfer(source, "style", epochs=60)):
+        card = mg.evaluate(made, target, shots=128, references=0)
+        assert card.shots == 128 and card.reference_scenes == 0
+        errors.append(card.metrics["ADE"].mean)
     source.reset()
     assert errors[1] < 0.9 * errors[0]
 
 
-def test_nothing_shown_is_nothing_tuned(data, source, target):
-    made = transfer(source, target.windows("train"), data[0], 0)
-    assert not tuned(made, source) and made.selection.endswith("then untouched")
+def test_what_is_tuned_can_be_refined(source, target):
+    made = Refine(Transfer(source, epochs=2), steps=2)
+    tuned = mg.evaluate(made, target, shots=64, references=0)
+    assert "modulator tuned on 64 scenes" in tuned.selection
+    assert tuned.metrics["ADE"].mean != mg.evaluate(made.inner, target, shots=64, references=0).metrics["ADE"].mean
 
 
-def test_selecting_on_the_target_is_said(data, source, target):
-    made = transfer(source, target.windows("train"), data[0], 1, epochs=3, target=target.windows("val"))
-    assert made.selection.endswith("the best epoch on validation scenes of the target")
+def test_the_paper_protocol_selects_on_the_target(source, target):
+    made = Transfer(source, epochs=3)
+    card = mg.evaluate(made, target, shots=64, protocol="paper")
+    assert card.selection.endswith("the best epoch on validation scenes of the target")
+    assert "epochs at rate 0.001" in card.selection and card.leaks
 
 
-def test_what_cannot_be_tuned_is_refused(data, source, target):
-    scenes = target.windows("train")
-    with pytest.raises(PredictorError, match=r"10 batches of 64 scenes.*there are \d+ scenes.*at most \d batches"):
-        transfer(source, scenes, data[0], 10)
+def test_a_predictor_without_a_style_has_no_use_for_shots(target):
+    assert mg.evaluate("constant_velocity", target, shots=64).shots == 0
+
+
+def test_what_cannot_be_tuned_is_refused(source, target):
+    made = Transfer(source, epochs=1)
+    with pytest.raises(PredictorError, match="batches of 64 complete scenes, and was given 100 scenes: give 64"):
+        made.tune(pick_scenes(target.windows("train"), slice(0, 100)))
+    with pytest.raises(SpecError, match=r"`shots=640`: orca has \d+ training scenes. Ask for at most"):
+        mg.evaluate(made, target, shots=640)
+    with pytest.raises(SpecError, match=r"is shown the training scenes, and \d+ of .* in split `train`"):
+        mg.evaluate(made, target, shots=64, split="train")
     with pytest.raises(SpecError, match=r"no `parts=modulater`.*Did you mean `modulator`"):
-        transfer(source, scenes, data[0], 1, "modulater")
-    with pytest.raises(SpecError, match="rate"):
-        transfer(source, scenes, data[0], 1, rate=0)
-    with pytest.raises(PredictorError, match="compares the new style with others"):
-        transfer(source, scenes, [], 1)
+        Transfer(source, "modulater")
+    for option in ({"rate": 0}, {"rate": True}, {"epochs": 0}, {"style_weight": -1}):
+        with pytest.raises(SpecError, match=next(iter(option))):
+            Transfer(source, **option)
+    with pytest.raises(PredictorError, match="ConstantVelocity cannot be tuned to a style"):
+        Transfer("constant_velocity")
     three = mg.domain("orca:agents=3,scenes=100").windows("train")
     with pytest.raises(PredictorError, match="exactly 2 agents"):
-        transfer(source, pick_scenes(three, np.arange(64)), data[0], 1)
+        made.tune(pick_scenes(three, np.arange(64)))
+    unnamed = Transfer(source, epochs=1)
+    unnamed.inner.card = {**source.card, "trained_on": []}
+    with pytest.raises(PredictorError, match="do not name the domains that they were trained on: set style_weight=0"):
+        unnamed.tune(few(target, 1))
