@@ -169,7 +169,7 @@ def _styles(
 REFINED = ("modular", "refine:of=modular")
 TUNED = ("all", "style", "modulator", "last_layer")
 """What is tuned; see ``predictors.transfer``."""
-SCHEDULES = tuple((epochs, rate) for rate in (1e-4, 1e-3, 1e-2) for epochs in (30, 100, 300))
+SCHEDULES = tuple((epochs, rate) for rate in (1e-4, 3e-4, 1e-3, 3e-3) for epochs in (10, 30, 100))
 """Epochs and rates to choose from on a style that was left out."""
 
 
@@ -280,7 +280,10 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             "Schedules: trained with d = 0.1 and 0.3, tuned to d = 0.5",
             0.5,
             (1, 2, 6),
-            [f"transfer:parts={parts},epochs={e},rate={r:g}" for parts in TUNED for e, r in SCHEDULES],
+            [
+                "modular_invariant",
+                *(f"transfer:parts={parts},epochs={e},rate={r:g}" for parts in TUNED for e, r in SCHEDULES),
+            ],
             "style/held_out",
         ),
     ),

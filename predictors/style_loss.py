@@ -32,12 +32,15 @@ def style_loss(embedding: Tensor, environment: Tensor, negatives_only: bool = Fa
         raise PredictorError(
             "The style loss compares environments, and the scenes are all of one: give scenes of at least two."
         )
-    itself = torch.eye(len(environment), dtype=torch.bool, device=embedding.device)
-    logits = (embedding @ embedding.transpose(1, 2) / TEMPERATURE).masked_fill(itself, -torch.inf)
+    logits = embedding @ embedding.transpose(1, 2) / TEMPERATURE
+    positives = same.sum(dim=-1) - 1
     if negatives_only:
+        itself = torch.eye(len(environment), dtype=torch.bool, device=embedding.device)
         others = logits.masked_fill(same, -torch.inf).logsumexp(dim=-1, keepdim=True)
-        log_share = logits - torch.logaddexp(logits, others)
-    else:
-        log_share = logits - logits.logsumexp(dim=-1, keepdim=True)
-    positive = same & ~itself
-    return -(log_share.masked_fill(~positive, 0).sum(dim=-1) / positive.sum(dim=-1)).mean(dim=-1)
+        log_share = (logits - torch.logaddexp(logits, others)).masked_fill(~same | itself, 0)
+        return -(log_share.sum(dim=-1) / positives).mean(dim=-1)
+    logits.diagonal(dim1=1, dim2=2).fill_(-torch.inf)
+    # The mean logit with the others of one's environment, from their sum.
+    together = same.to(embedding.dtype) @ embedding - embedding
+    alike = (embedding * together).sum(dim=-1) / positives / TEMPERATURE
+    return (logits.logsumexp(dim=-1) - alike).mean(dim=-1)

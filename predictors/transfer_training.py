@@ -52,7 +52,9 @@ class TransferProgram:
         style_weight: float,
         target: Truth | None,
     ):
-        self.begin, self.pairs, self.style_weight = weights, Pairs.of(scenes), style_weight
+        self.begin, self.pairs = weights, Pairs.of(scenes)
+        # It depends on nothing that is tuned where these parts stay as they are.
+        self.style_weight = style_weight if {"style", "head"} & set(PARTS[parts]) else 0.0
         self.sources = [Pairs.of(pick_scenes(source, slice(0, 50 * BATCH))) for source in sources]
         self.target = None if target is None else Pairs.of(target)
         rates = {part: rate for part in PARTS[parts]}
@@ -74,14 +76,17 @@ class TransferProgram:
         rng = np.random.default_rng([epoch, len(self.pairs)])
         for index in rng.permutation(len(self.pairs)).reshape(-1, BATCH):
             own = self.pairs.take(torch.from_numpy(index))
-            others = [s.take(torch.from_numpy(rng.choice(len(s), min(BATCH, len(s)), False))) for s in self.sources]
-            codes = pair_network.code(torch.cat([part.path for part in (own, *others)]), weights)
+            compared = [own]
+            if self.style_weight:
+                few = (torch.from_numpy(rng.choice(len(s), min(BATCH, len(s)), False)) for s in self.sources)
+                compared += [source.take(index) for source, index in zip(self.sources, few, strict=True)]
+            codes = pair_network.code(torch.cat([part.path for part in compared]), weights)
             mean = codes[:, :BATCH].mean(dim=1, keepdim=True)
             off = pair_network.forecast(own.history, mean, weights) - own.moves
             loss = (off * off).sum(dim=(1, 2)) / (AGENTS * FUTURE)
             if self.style_weight:
-                environment = torch.arange(1 + len(others)).repeat_interleave(
-                    torch.tensor([len(part) for part in (own, *others)])
+                environment = torch.arange(len(compared)).repeat_interleave(
+                    torch.tensor([len(part) for part in compared])
                 )
                 loss = loss + self.style_weight * style_loss(pair_network.embed(codes, weights), environment)
             yield loss
