@@ -71,16 +71,8 @@ def curves(
             np.array([c.mean() for c in columns]),
             np.array([c.std(ddof=1) if len(c) > 1 else 0 for c in columns]),
         )
-        dashed = len(columns[0]) == 1
-        axes.plot(
-            places,
-            mean,
-            "--" if dashed else "o-" if len(places) < 20 else "-",
-            color=color,
-            label=row,
-            markersize=4,
-            linewidth=1.4,
-        )
+        style = "--" if len(columns[0]) == 1 else "o-" if len(places) < 20 else "-"
+        axes.plot(places, mean, style, color=color, label=row, markersize=4, linewidth=1.4)
         axes.fill_between(places, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
     if scale != "linear":
         axes.set_xscale(scale, base=2)
