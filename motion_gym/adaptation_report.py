@@ -43,14 +43,14 @@ def schedules(part: Part, results: Sequence[Result]) -> str:
         "### Which schedule",
         "",
         f"ADE in metres on a style that was left out ({part.title}), mean over seeds and over {', '.join(columns)} "
-        f"batches of 64 scenes. Without tuning it is {number(untuned)}. The best schedule of each row is what `transfer` "
-        "takes by default.",
+        f"batches of 64 scenes. Without tuning it is {number(untuned)}. The best schedule of each row is what "
+        "`transfer` takes by default.",
         "",
         f"| tuned | {' | '.join(f'{epochs} epochs, {rate:g}' for epochs, rate in SCHEDULES)} |",
         f"|---|{'---|' * len(SCHEDULES)}",
     ]
     for parts in TUNED:
-        rows = [f"transfer:epochs={epochs},parts={parts},rate={rate:g}" for epochs, rate in SCHEDULES]
+        rows = [f"transfer:parts={parts},epochs={epochs},rate={rate:g}" for epochs, rate in SCHEDULES]
         means = [float(np.mean([values[row, column].mean() for column in columns])) for row in rows]
         best = int(np.argmin(means))
         cells = [f"**{number(m)}**" if place == best else number(m) for place, m in enumerate(means)]
@@ -63,8 +63,8 @@ def schedules(part: Part, results: Sequence[Result]) -> str:
 def two_agents(part: Part, path: Path) -> None:
     """Draw how forecasts of one scene change as they are refined towards references of its own and of another style.
 
-    Forecasts begin in the mean style of training. The scene is the one whose agents come closest to each other in that
-    forecast, of those that keep the distance of their style.
+    Forecasts begin in the mean style of training. The scene is the one in the middle by how close its agents come to
+    each other in that forecast.
     """
     from motion_gym.predictors.refine import Refine
 
@@ -79,7 +79,7 @@ def two_agents(part: Part, path: Path) -> None:
         return ask(made, scenes.observation).most_likely()
 
     apart = np.linalg.norm(np.diff(forecast(RIGHT, 0, truth).reshape(-1, 2, 12, 2), axis=1)[:, 0], axis=-1).min(axis=1)
-    scene = pick_scenes(truth, [int(apart.argmin())])
+    scene = pick_scenes(truth, [int(np.argsort(apart)[len(apart) // 2])])
     panels = {
         f"towards scenes of d = {style} (the scene has {RIGHT})": {n: forecast(style, n, scene) for n in STEPS}
         for style in (RIGHT, WRONG)

@@ -139,8 +139,10 @@ def two_agents(panels: Mapping[str, Mapping[int, np.ndarray]], scene: Truth, pat
         scene: The scene.
         path: Where the SVG goes.
     """
-    figure = Figure(figsize=(10, 5), layout="constrained")
-    each = figure.subplots(1, len(panels), sharex=True, sharey=True)
+    width, height = np.ptp(np.concatenate([scene.observation.xy, scene.future], axis=1).reshape(-1, 2), axis=0)
+    wide = len(panels) if height > width else 1
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    each = figure.subplots(len(panels) // wide, wide, sharex=True, sharey=True)
     colors = matplotlib.colormaps["viridis"]
     for axes, (title, forecasts) in zip(each, panels.items(), strict=True):
         for person, (past, then) in enumerate(zip(scene.observation.xy, scene.future, strict=True)):

@@ -36,8 +36,8 @@ class Around:
     def name(self) -> str:
         """What is done to which predictor."""
         defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
-        changed = {k: getattr(self, k) for k in self.settings if getattr(self, k) != defaults[k]}
-        return catalog.format_spec(self.kind, {"of": self.inner.name, **changed})
+        set_to = {"of": self.inner.name, **{k: getattr(self, k) for k in self.settings}}
+        return catalog.format_spec(self.kind, {k: v for k, v in set_to.items() if v != defaults[k]})
 
     @property
     def weights_name(self) -> str:

@@ -28,7 +28,7 @@ def test_table_is_made_from_the_result_files():
 def test_tables_of_benchmarks_are_made_from_the_result_files(name):
     found = benchmarks.read(name, ROOT / "results" / name)
     shown = README.split(f"<!-- results: {name} -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
-    assert shown == benchmark_report.short(name, found)
+    assert shown == benchmark_report.short(name, found, ROOT / "results" / name)
     tables = (ROOT / "results" / name / "tables.md").read_text()
     assert all(seed_tables.markdown(part, results) in tables for part, results in found)
 

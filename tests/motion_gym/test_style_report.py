@@ -24,7 +24,7 @@ def test_p_values_are_corrected_for_their_number():
 def result(row, seed, column, error):
     return {
         "predictor": f"{row}:weights=style,seed={seed}",
-        "identity": {"domain": DOMAINS[column]},
+        "identity": {"domain": DOMAINS[column], "shots": 0},
         "metrics": {"ADE": {"mean": error}},
     }
 
@@ -37,11 +37,11 @@ def part(protocol):
 
 
 def test_claims_are_tested_under_the_honest_protocol_alone(monkeypatch):
-    monkeypatch.setattr("motion_gym.seed_tables.domain_key", lambda domain: DOMAINS["0.1"])
+    monkeypatch.setattr("motion_gym.results.domain_key", lambda domain: DOMAINS["0.1"])
     found = []
     for protocol, gain in (("honest", 0.1), ("paper", 0.4)):
         errors = [("style_erm", 0.5), ("modular", 0.5 - gain)]
         results = [result(row, seed, "0.1", error + seed / 100) for row, error in errors for seed in range(3)]
         found.append((part(protocol), results))
-    lines = [line for line in style_report.claims(found).splitlines() if "a style lowers" in line]
+    lines = [line for line in style_report.claims(found, style_report.CLAIMS).splitlines() if "a style lowers" in line]
     assert len(lines) == 1 and "| -.100" in lines[0] and "3 of 3" in lines[0]
