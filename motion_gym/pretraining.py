@@ -58,14 +58,15 @@ class Watched(StyleProgram):
 def curves(folder: Path, report: Report) -> dict[str, np.ndarray]:
     """ADE [epochs, watched, seeds] of each variant in metres; trained, unless it is in ``folder`` already."""
     found = {}
-    for place, (name, epochs) in enumerate(VARIANTS.items()):
+    total = sum(map(sum, VARIANTS.values()))
+    done = 0
+    for name, epochs in VARIANTS.items():
         path = folder / f"{name.replace(' ', '_')}.json"
         if not path.exists():
             program = Watched(epochs)
-            total = sum(epochs)
 
-            def tell(state: training.Progress, name: str = name, total: int = total, place: int = place) -> None:
-                report(place * total + state.epoch, len(VARIANTS) * total, f"{name}: {state.stage}")
+            def tell(state: training.Progress, name: str = name, done: int = done) -> None:
+                report(done + state.epoch, total, f"{name}: {state.stage}")
 
             training.train(program, SEEDS, report=tell)
             result: dict[str, Any] = {
@@ -76,6 +77,7 @@ def curves(folder: Path, report: Report) -> dict[str, np.ndarray]:
                 "ADE": program.seen,
             }
             write_atomic(path, (json.dumps(result) + "\n").encode())
+        done += sum(epochs)
         found[name] = np.array(json.loads(path.read_text())["ADE"])
     return found
 
@@ -102,7 +104,8 @@ def write(folder: Path, report: Report) -> tuple[str, list[Path]]:
         first, second = table.values()
         p = [number(paired_p(first[e - 1] - second[e - 1])) for e in EPOCHS]
         lines.append(f"| `{domain}` | p | {' | '.join(p)} |")
-        paths.append(folder / f"{domain.split('=')[1]}.svg")
+        name, parameters = catalog.parse_spec(domain)
+        paths.append(folder / f"{name}_{parameters['d']}.svg")
         drawn = {name: {float(e): v for e, v in enumerate(values, 1)} for name, values in table.items()}
         figures.curves(drawn, paths[-1], "epoch of the last stage", "ADE, metres", domain, "log", EPOCHS)
     return "\n".join(lines), paths
