@@ -52,6 +52,7 @@ PREDICTORS = {
     "style_invariant": Entry("motion_gym.predictors.modular:StyleInvariant", "style_erm trained with IRMv1"),
     "modular": Entry("motion_gym.predictors.modular:Modular", "style_erm that reads a style from scenes"),
     "modular_invariant": Entry("motion_gym.predictors.modular:ModularInvariant", "modular, its encoder by IRMv1"),
+    "modular_stgat": Entry("motion_gym.predictors.modular_stgat:ModularStgat", "STGAT that reads a style, any agents"),
     "transfer": Entry("motion_gym.predictors.transfer:Transfer", "around modular: tuned on a few scenes of a style"),
     "refine": Entry("motion_gym.predictors.refine:Refine", "around modular: refines each forecast towards the style"),
     "ego_erm": Entry("motion_gym.predictors.ego:EgoErm", "network in each agent's own frame, any neighbours, no style"),

@@ -81,7 +81,7 @@ class Frame:
 
     def into(self, positions: np.ndarray) -> np.ndarray:
         """World positions [A, 12, 2] as offsets [A, 24] from the line, along it and to its left."""
-        return _turned(positions - self.line, self.heading[:, None]).reshape(len(self.line), -1)
+        return turned(positions - self.line, self.heading[:, None]).reshape(len(self.line), -1)
 
     def out_of(self, offsets: np.ndarray) -> np.ndarray:
         """Offsets [A, 24] as world positions [A, 12, 2]."""
@@ -97,8 +97,8 @@ def scenes_of(observation: Observation) -> tuple[Scenes, Frame]:
     speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
     heading = np.where(speed > LEAST, velocity / np.maximum(speed, LEAST), [1.0, 0.0])
     line = at[:, None] + velocity[:, None] * dt * (np.arange(WINDOW) - (FREE - 1))[:, None]
-    deviation = _turned(path - line[:, :HISTORY], heading[:, None])
-    other, there = _neighbours(observation.scene)
+    deviation = turned(path - line[:, :HISTORY], heading[:, None])
+    other, there = neighbours(observation.scene)
     side, miss, when = _approach(at[other] - at[:, None], velocity[other] - velocity[:, None], (WINDOW - FREE) * dt)
     if other.shape[1] > NEIGHBOURS:
         nearest = np.argsort(np.where(there, miss, np.inf), axis=1, kind="stable")[:, :NEIGHBOURS]
@@ -108,17 +108,17 @@ def scenes_of(observation: Observation) -> tuple[Scenes, Frame]:
     ahead, mirror = heading[:, None], np.stack([np.ones_like(side), side], axis=-1)
     apart = np.linalg.norm(velocity[other] - velocity[:, None], axis=-1)
     own = np.broadcast_to(speed[:, None], (*other.shape, 1))
-    theirs = _turned(velocity[other], ahead) * mirror
+    theirs = turned(velocity[other], ahead) * mirror
     before = np.concatenate([own, theirs, np.stack([miss, np.log(miss + 0.01), when, apart], axis=-1)], axis=-1)
 
     moving = np.diff(path, axis=1)[:, FREE - 1 :] / dt - velocity[:, None]
-    mine = _turned(moving, heading[:, None])[:, None] * mirror[:, :, None]
-    others = _turned(moving[other], ahead[:, :, None]) * mirror[:, :, None]
+    mine = turned(moving, heading[:, None])[:, None] * mirror[:, :, None]
+    others = turned(moving[other], ahead[:, :, None]) * mirror[:, :, None]
     last = np.diff(path[:, -2:], axis=1)[:, 0] / dt
     off, relative = path[other, -1] - path[:, None, -1], last[other] - last[:, None]
     _, nearer, then = _approach(off, relative, FUTURE * dt)
     now = np.stack([nearer, then, np.linalg.norm(relative, axis=-1), np.linalg.norm(off, axis=-1)], axis=-1)
-    parts = [mine.reshape(*other.shape, -1), others.reshape(*other.shape, -1), _turned(off, ahead) * mirror, now]
+    parts = [mine.reshape(*other.shape, -1), others.reshape(*other.shape, -1), turned(off, ahead) * mirror, now]
     arrays = (deviation.reshape(len(path), -1), before, np.concatenate(parts, axis=-1), miss, side * there)
     scenes = Scenes(*(torch.tensor(np.ascontiguousarray(array), dtype=torch.float32) for array in arrays))
     return scenes, Frame(line[:, HISTORY:], heading)
@@ -133,7 +133,7 @@ def kept_distances(truth: Truth) -> np.ndarray:
     """
     observation = truth.observation
     path = np.concatenate([observation.xy, truth.future], axis=1).astype(np.float64)
-    other, there = _neighbours(observation.scene)
+    other, there = neighbours(observation.scene)
     whole = np.asarray(truth.known.all(axis=1))
     there = np.logical_and(there, whole[:, None] & whole[other])
     relative = path[other] - path[:, None]
@@ -164,13 +164,13 @@ def _approach(position: np.ndarray, velocity: np.ndarray, limit: float) -> tuple
     return np.where(turning >= 0, 1.0, -1.0), distance, time
 
 
-def _turned(vectors: np.ndarray, heading: np.ndarray) -> np.ndarray:
+def turned(vectors: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """Coordinates of vectors along a heading and to its left."""
     left = vectors[..., 1] * heading[..., 0] - vectors[..., 0] * heading[..., 1]
     return np.stack([(vectors * heading).sum(axis=-1), left], axis=-1)
 
 
-def _neighbours(scene: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def neighbours(scene: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The others of each agent's scene, padded to the largest scene: [A, N] index, and which are there."""
     sizes = np.diff(scene)
     first, size = np.repeat(scene[:-1], sizes), np.repeat(sizes, sizes)

@@ -51,7 +51,7 @@ class Layout:
     @classmethod
     def of(cls, scene: np.ndarray, device: torch.device | str = "cpu") -> Layout:
         """Lay out scenes given as in an Observation: [S + 1] limits."""
-        limits = torch.as_tensor(scene, dtype=torch.int64, device=device)
+        limits = torch.tensor(scene, dtype=torch.int64, device=device)
         scenes, sizes = len(limits) - 1, np.diff(scene)
         of_agent = torch.repeat_interleave(torch.arange(scenes, device=device), limits.diff())
         by_size = np.argsort(sizes, kind="stable")

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,9 +12,9 @@ from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, T
 from motion_gym.predictors import pair_network
 from motion_gym.predictors.objectives import Erm, Irm, Objective
 from motion_gym.predictors.pair_network import AGENTS, CODE, Pairs
+from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.style_training import PLAIN, Schedule, StyleProgram
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
-from motion_gym.windows import check_truth, pick_scenes
 
 
 class StyleErm(Weighted):
@@ -108,7 +106,7 @@ class StyleInvariant(StyleErm):
     objective = Irm(1.0)
 
 
-class Modular(StyleErm):
+class Modular(StyleMemory, StyleErm):
     """The paper's modular network: an encoder of the scene, one of the style, and a modulator that joins them.
 
     The style of a domain is read from scenes that it observes over all 20 steps: a running average of their codes. It
@@ -127,45 +125,9 @@ class Modular(StyleErm):
         "prior.dt": (1,),
     }
 
-    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
-        self.observed = np.zeros(CODE)
-        self.scenes = 0
-        super().__init__(weights, seed)
-
-    def observe(self, truth: Truth) -> None:
-        """Read the style from those scenes whose 20 steps are all known.
-
-        Raises:
-            DataError: it is no proper Truth.
-            PredictorError: there are no weights, a scene has not two agents, or steps of another length than those
-                that the style encoder was trained on.
-        """
-        weights = self._ready()
-        check_truth(truth, "What was observed")
-        dt = float(weights["prior.dt"])
-        if not np.isclose(truth.observation.dt, dt, rtol=1e-3):
-            raise PredictorError(
-                f"{self.name} reads styles from steps of {dt:.3g} s, and was shown scenes with steps of "
-                f"{truth.observation.dt:.3g} s: resample them, or train on such steps."
-            )
-        whole = self.whole_scenes(truth)
-        if whole is None:
-            return
-        with torch.no_grad():
-            codes = pair_network.code(Pairs.of(whole).path, weights)[0]
-        self.observed = self.observed + codes.double().sum(dim=0).numpy()
-        self.scenes += len(codes)
-
-    def reset(self) -> None:
-        """Forget all that was observed."""
-        self.observed, self.scenes = np.zeros(CODE), 0
-
-    @staticmethod
-    def whole_scenes(truth: Truth) -> Truth | None:
-        """Those scenes whose 20 steps are all known; None if there are none."""
-        index = truth.observation.scene_index[~truth.known.all(axis=1)]
-        whole = np.setdiff1d(np.arange(truth.observation.scenes), index)
-        return pick_scenes(truth, whole) if len(whole) else None
+    def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
+        """Style codes [S, 8]; PredictorError if a scene has not two agents."""
+        return pair_network.code(Pairs.of(truth).path, weights)[0]
 
     def latent(self, observation: Observation) -> Tensor:
         """Latent [1, S, 16] of each scene after the first modulation."""
@@ -173,7 +135,7 @@ class Modular(StyleErm):
         history = pair_network.exact(observation).flatten(1)
         return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
 
-    def from_latent(self, latent: Tensor) -> Tensor:
+    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
         """Displacements [1, S, 48], metres."""
         weights = self._exact()
         return pair_network.decode(latent, self._codes(weights), weights)
@@ -186,11 +148,6 @@ class Modular(StyleErm):
         future = history[:, :, -1:] + steps.cumsum(dim=2)
         whole = torch.cat([history, future], dim=2)
         return pair_network.embed(pair_network.code((whole[:, 1] - whole[:, 0]).flatten(1), weights), weights)
-
-    def _codes(self, weights: Weights) -> Tensor:
-        """The running average."""
-        average = (weights["prior.code"][0] + torch.from_numpy(self.observed)) / (1 + self.scenes)
-        return average[None, None]
 
 
 class ModularInvariant(Modular):

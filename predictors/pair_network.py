@@ -6,6 +6,7 @@ metres and world coordinates, and displacements come out.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,9 +103,14 @@ def walked(observation: Observation, moves: Tensor) -> Forecast:
 
 def shapes(parts: tuple[str, ...] = tuple(LAYERS)) -> dict[str, tuple[int, ...]]:
     """Shape of every weight of some parts, without the axis M."""
+    return shapes_of({part: LAYERS[part] for part in parts})
+
+
+def shapes_of(parts: Mapping[str, tuple[tuple[int, int], ...]]) -> dict[str, tuple[int, ...]]:
+    """Shape of every weight of layers with such inputs and outputs, without the axis M."""
     found: dict[str, tuple[int, ...]] = {}
-    for part in parts:
-        for number, (inputs, outputs) in enumerate(LAYERS[part], 1):
+    for part, sizes in parts.items():
+        for number, (inputs, outputs) in enumerate(sizes, 1):
             found[f"{part}.weight{number}"], found[f"{part}.bias{number}"] = (inputs, outputs), (outputs,)
     return found
 

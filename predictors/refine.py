@@ -25,8 +25,8 @@ class Refinable(Protocol):
         """Latent [1, S, C] of each scene, in the style observed so far."""
         ...
 
-    def from_latent(self, latent: Tensor) -> Tensor:
-        """Displacements [1, S, agents * 24] that a latent stands for."""
+    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
+        """Displacements of all agents that a latent stands for, in order: [1, A, 24], or as many values."""
         ...
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
@@ -99,7 +99,7 @@ class Refine(Around):
         if whole is None:
             return
         path = np.concatenate([whole.observation.xy[:, -1:], whole.future], axis=1)
-        moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float64).reshape(1, whole.observation.scenes, -1)
+        moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float64).reshape(1, -1, 24)
         with torch.no_grad():
             embedded = self.inner.embedded(whole.observation, moves)[0].double().sum(dim=0).numpy()
         self.towards = embedded + self.towards if len(self.towards) else embedded
@@ -121,7 +121,7 @@ class Refine(Around):
         if self.scenes:
             latent = self._refined(observation, latent.clone())
         with torch.no_grad():
-            moves = self.inner.from_latent(latent)
+            moves = self.inner.from_latent(observation, latent)
         return walked(observation, moves)
 
     def _refined(self, observation: Observation, latent: Tensor) -> Tensor:
@@ -130,7 +130,7 @@ class Refine(Around):
             latent.requires_grad_()
             adam = torch.optim.Adam([latent], lr=self.rate)
             for _ in range(self.steps):
-                embedded = self.inner.embedded(observation, self.inner.from_latent(latent))
-                (latent.grad,) = torch.autograd.grad(-(embedded @ goal).sum(), [latent])
+                embedded = self.inner.embedded(observation, self.inner.from_latent(observation, latent))
+                (latent.grad,) = torch.autograd.grad(-(embedded.double() @ goal).sum(), [latent])
                 adam.step()
         return latent.detach()

@@ -7,8 +7,9 @@ states of the encoders, the noise of the decoder) is an argument, so that the ne
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import torch
 from torch import Tensor
@@ -75,10 +76,19 @@ def shapes(features: int) -> dict[str, tuple[int, ...]]:
     return found
 
 
-def check_weights(tensors: Weights, features: int, source: str) -> None:
-    """Raise PredictorError unless these are finite weights of this network, for inputs of ``features`` values."""
+def check_weights(
+    tensors: Weights, features: int, source: str, more: Mapping[str, tuple[int, ...]] = MappingProxyType({})
+) -> None:
+    """Raise PredictorError unless these are finite weights of this network, for inputs of ``features`` values.
+
+    Args:
+        tensors: Weights [M, ...].
+        features: Values per observed step.
+        source: Whose they are, for messages.
+        more: Shapes of further weights.
+    """
     hint = " It was trained " + ("without" if features == 3 else "with") + " sigma."
-    check_shapes(tensors, shapes(features), source, {"trajectory.input": hint})
+    check_shapes(tensors, {**shapes(features), **more}, source, {"trajectory.input": hint})
 
 
 def initial(features: int, seed: int) -> Weights:
@@ -150,18 +160,21 @@ def stage3(steps: Tensor, draws: Draws, layout: Layout, weights: Weights, counte
         weights: Of M models.
         counterfactual: Subtract, at each step, the state of a second decoder that starts without the trajectory.
     """
+    latent = encode(steps, draws, layout, weights)
+    return decode(latent, steps[-1, :, :2], draws.noise, weights, counterfactual)
+
+
+def encode(steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
+    """Latent [M, A, 64]: the last states of both LSTMs."""
     hidden = encode_trajectory(steps, draws, weights)
-    graph = encode_graph(hidden, draws, layout, weights)[-1]
-    return decode(hidden[-1], graph, steps[-1, :, :2], draws.noise, weights, counterfactual)
+    return torch.cat([hidden[-1], encode_graph(hidden, draws, layout, weights)[-1]], dim=-1)
 
 
-def decode(
-    trajectory: Tensor, graph: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool
-) -> Tensor:
-    """Roll the decoder out from the last displacements [A, 2]: [12, M, A, 2] displacements."""
-    h = torch.cat([trajectory, graph, noise], dim=-1)
+def decode(latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False) -> Tensor:
+    """Roll the decoder out from a latent [M, A, 64] and the last displacements [A, 2]: [12, M, A, 2] displacements."""
+    h = torch.cat([latent, noise], dim=-1)
     if counterfactual:
-        without = torch.cat([torch.zeros_like(trajectory), graph, noise], dim=-1)
+        without = torch.cat([torch.zeros_like(latent[..., :TRAJECTORY]), latent[..., TRAJECTORY:], noise], dim=-1)
         h = torch.stack([h, without], dim=2).flatten(1, 2)
     first = last.expand(len(h), -1, -1)
     out, bias = weights["stage3.weight"], weights["stage3.bias"]

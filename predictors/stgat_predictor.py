@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors import objectives
@@ -118,13 +119,21 @@ class Stgat(Weighted):
 
     def _positions(self, observation: Observation, weights: Weights, samples: int, seed: int) -> np.ndarray:
         layout = Layout.of(observation.scene)
-        keys = scene_keys(observation, samples, seed)
-        own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
-        draws = Draws.of(torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE)), layout)
+        draws = self._draws(observation, layout, samples, seed)
         steps = torch.from_numpy(self._inputs(observation))
-        moves = stage3(steps, draws, layout, weights, self.counterfactual)
+        moves = self._moves(steps, draws, layout, weights)
         last = torch.from_numpy(observation.xy[:, -1].copy())
         return (last + moves.cumsum(dim=0)).permute(2, 1, 0, 3).contiguous().numpy()
+
+    def _moves(self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
+        """Forecast displacements [12, K, A, 2]."""
+        return stage3(steps, draws, layout, weights, self.counterfactual)
+
+    @staticmethod
+    def _draws(observation: Observation, layout: Layout, samples: int, seed: int) -> Draws:
+        keys = scene_keys(observation, samples, seed)
+        own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
+        return Draws.of(torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE)), layout)
 
     def _inputs(self, observation: Observation) -> np.ndarray:
         """Input of the network [8, A, F]."""

@@ -135,9 +135,9 @@ class Transfer(Around):
         """Latent [1, S, 16] of each scene."""
         return self.inner.latent(observation)
 
-    def from_latent(self, latent: Tensor) -> Tensor:
+    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
         """Displacements [1, S, 48], metres."""
-        return self.inner.from_latent(latent)
+        return self.inner.from_latent(observation, latent)
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
         """Style embeddings [1, S, 8]."""

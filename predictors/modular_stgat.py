@@ -1,0 +1,116 @@
+"""STGAT with a style: the paper's modular idea for scenes of any number of agents."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.contract import FUTURE, HISTORY, Observation, SpecError, Truth
+from motion_gym.predictors import pair_network, stgat_network, stgat_style
+from motion_gym.predictors.graph_attention import Layout
+from motion_gym.predictors.modular_stgat_training import StyledStgatProgram
+from motion_gym.predictors.neighbour_pairs import NeighbourPairs, whole_paths
+from motion_gym.predictors.pair_network import CODE
+from motion_gym.predictors.stgat_network import Draws
+from motion_gym.predictors.stgat_predictor import Stgat
+from motion_gym.predictors.style_memory import StyleMemory
+from motion_gym.predictors.weighted import Weights
+
+
+class ModularStgat(StyleMemory, Stgat):
+    """STGAT whose latent is modulated by a style: z' = f(z, c) + z, for scenes of any number of agents in any order.
+
+    The style of a scene is read from its pairs of neighbours over all 20 steps, a mean over pairs, so that a scene of
+    one agent shows none. That of a domain is a running average over the scenes that are observed; it begins at the mean
+    code of the training scenes, which counts for one scene, and ``reset`` goes back there.
+
+    Args:
+        weights: Name of shipped weights, or a ``.safetensors`` file; by default the shipped ones.
+        seed: Which of the seeds that the weights hold; by default the first.
+        sigma: true, ``relative`` (divided by its mean over the scene) or false (never given).
+    """
+
+    kind = "modular_stgat"
+    shipped = "style/crowd"
+
+    def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = False):
+        super().__init__(weights, seed, sigma)
+
+    def check(self, tensors: Weights, source: str) -> None:
+        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
+        more = {**stgat_style.shapes(), "prior.code": (CODE,), "prior.dt": (1,)}
+        stgat_network.check_weights(tensors, self.features, source, more)
+
+    def program(  # type: ignore[override]
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        *,
+        device: torch.device,
+        epochs: Sequence[int] = (40, 30, 30, 10, 5, 40),
+        scenes: int = 64,
+    ) -> StyledStgatProgram:
+        """The training program.
+
+        Args:
+            train: Windows of each environment.
+            validation: Windows that weights are selected on, of the same environments in the same order.
+            device: Where to train.
+            epochs: Of the stages: the three of STGAT, style, modulator, forecast in style.
+            scenes: Scenes of a step, an equal part from each environment.
+
+        Raises:
+            PredictorError: nothing to train on, one environment alone, one without neighbours, or an observation
+                without sigma.
+        """
+        if len(epochs) != 6 or not epochs[-1]:
+            raise SpecError(
+                f"`epochs={tuple(epochs)}` must be six numbers, with at least one epoch in the last stage, for "
+                f"{self.name}."
+            )
+        config = {"predictor": self.name, "objective": type(self.objective).__name__}
+        return StyledStgatProgram(
+            train, validation, self.features, self._inputs, self.objective, tuple(epochs), scenes, device, config
+        )
+
+    def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
+        """Style codes [S, 8] of those scenes in which there are neighbours."""
+        pairs = NeighbourPairs.of(truth)
+        scene = torch.from_numpy(pairs.scene)
+        codes = stgat_style.scene_codes(pairs.paths(whole_paths(truth)), scene, truth.observation.scenes, weights)
+        return codes[0, np.unique(pairs.scene)]
+
+    def latent(self, observation: Observation) -> Tensor:
+        """Latent [1, A, 64] of each agent, modulated."""
+        weights, draws, layout, steps = self._given(observation)
+        return stgat_style.modulate(stgat_network.encode(steps, draws, layout, weights), self._codes(weights), weights)
+
+    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
+        """Displacements [1, A, 24], metres."""
+        weights, draws, _, steps = self._given(observation)
+        moves = stgat_network.decode(latent, steps[-1, :, :2], draws.noise, weights)
+        return moves.permute(1, 2, 0, 3).flatten(2)
+
+    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
+        """Style embeddings [1, S, 8] of scenes that go on by displacements [1, A, 24]."""
+        weights = self._ready()
+        steps = moves.float().view(-1, FUTURE, 2)
+        history = torch.tensor(observation.xy)
+        path = torch.cat([history, history[:, -1:] + steps.cumsum(dim=1)], dim=1)
+        future = path[:, HISTORY:].detach().numpy()
+        pairs = NeighbourPairs.of(Truth(future, np.ones(future.shape[:2], bool), observation))
+        codes = stgat_style.scene_codes(pairs.paths(path), torch.from_numpy(pairs.scene), observation.scenes, weights)
+        return pair_network.embed(codes, weights)
+
+    def _given(self, observation: Observation) -> tuple[Weights, Draws, Layout, Tensor]:
+        """Weights, and the inputs of the network for the first sample."""
+        layout = Layout.of(observation.scene)
+        draws = self._draws(observation, layout, 1, 0)
+        return self._ready(), draws, layout, torch.from_numpy(self._inputs(observation))
+
+    def _moves(self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
+        return stgat_style.forecast(steps, draws, layout, self._codes(weights), weights)

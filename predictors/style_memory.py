@@ -1,0 +1,69 @@
+"""A running average of style codes, which predictors with a style forecast by."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.contract import PredictorError, Truth
+from motion_gym.predictors.pair_network import CODE
+from motion_gym.predictors.weighted import Weighted, Weights
+from motion_gym.windows import check_truth, pick_scenes
+
+
+class StyleMemory(Weighted):
+    """A predictor whose weights hold ``prior.code``, the mean code of training, and ``prior.dt``, its steps in seconds.
+
+    The style of a domain is read from scenes that are observed over all 20 steps: a running average of their codes. It
+    begins at the mean code of the training scenes, which counts for one scene. ``reset`` goes back there.
+    """
+
+    observed: np.ndarray = np.zeros(CODE)
+    scenes = 0
+
+    def observe(self, truth: Truth) -> None:
+        """Read the style from those scenes whose 20 steps are all known.
+
+        Raises:
+            DataError: it is no proper Truth.
+            PredictorError: there are no weights, or steps of another length than those that the style encoder was
+                trained on.
+        """
+        weights = self._ready()
+        check_truth(truth, "What was observed")
+        dt = float(weights["prior.dt"])
+        if not np.isclose(truth.observation.dt, dt, rtol=1e-3):
+            raise PredictorError(
+                f"{self.name} reads styles from steps of {dt:.3g} s, and was shown scenes with steps of "
+                f"{truth.observation.dt:.3g} s: resample them, or train on such steps."
+            )
+        whole = self.whole_scenes(truth)
+        if whole is None:
+            return
+        with torch.no_grad():
+            codes = self.scene_codes(whole, weights)
+        self.observed = self.observed + codes.double().sum(dim=0).numpy()
+        self.scenes += len(codes)
+
+    def reset(self) -> None:
+        """Forget all that was observed."""
+        self.observed, self.scenes = np.zeros(CODE), 0
+
+    def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
+        """Style codes [S, 8] of those scenes that show one."""
+        raise NotImplementedError
+
+    @staticmethod
+    def whole_scenes(truth: Truth) -> Truth | None:
+        """Those scenes whose 20 steps are all known; None if there are none."""
+        index = truth.observation.scene_index[~truth.known.all(axis=1)]
+        whole = np.setdiff1d(np.arange(truth.observation.scenes), index)
+        return pick_scenes(truth, whole) if len(whole) else None
+
+    def _codes(self, weights: Weights) -> Tensor:
+        """The running average, [1, 1, 8]."""
+        average = (weights["prior.code"][:1] + torch.from_numpy(self.observed).to(weights["prior.code"])) / (
+            1 + self.scenes
+        )
+        return average[:, None]
