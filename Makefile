@@ -42,9 +42,9 @@ results: $(VENV)/.ready
 	rm -rf $(ROOT)results
 	cd $(ROOT) && $(BIN)/motion-gym baselines --out results/baselines && \
 	  $(BIN)/motion-gym table results/baselines --into README.md && \
-	  $(BIN)/motion-gym run spurious --into README.md && \
-	  $(BIN)/motion-gym run original --into README.md && \
-	  $(BIN)/motion-gym run style --into README.md
+	  for name in spurious original style transfer refinement pretraining; do \
+	    $(BIN)/motion-gym run $$name --into README.md || exit 1; \
+	  done
 
 # Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.
 bench: $(VENV)/.ready

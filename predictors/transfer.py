@@ -22,10 +22,10 @@ from motion_gym.predictors.weighted import Weights
 from motion_gym.windows import check_truth, digest
 
 SCHEDULES: Mapping[str, tuple[int, float]] = {
-    "all": (300, 1e-3),
-    "style": (300, 1e-3),
-    "modulator": (300, 1e-3),
-    "last_layer": (300, 1e-3),
+    "all": (100, 1e-4),
+    "style": (100, 1e-4),
+    "modulator": (100, 1e-3),
+    "last_layer": (100, 1e-3),
 }
 """Epochs and rate by what is tuned, chosen on a style that was left out of training (`motion-gym run transfer`)."""
 PUBLISHED = (300, 1e-3)
