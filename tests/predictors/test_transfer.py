@@ -9,7 +9,7 @@ from motion_gym.contract import PredictorError, SpecError
 from motion_gym.domains import training_set
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.refine import Refine
-from motion_gym.predictors.transfer import Transfer
+from motion_gym.predictors.transfer import SCHEDULES, Transfer
 from motion_gym.predictors.transfer_training import PARTS
 from motion_gym.windows import pick_scenes
 
@@ -44,7 +44,8 @@ def test_only_what_is_named_is_tuned(source, target, parts):
     expected = {name for name in before if name in PARTS[parts] or name.split(".")[0] in PARTS[parts]}
     assert changed(made, source) - {"prior.code"} == expected
     assert all(torch.equal(before[name], value) for name, value in source.stacked.items())
-    assert f"{parts} tuned on 64 scenes, 2 epochs at rate 0.001, the last epoch" in made.selection
+    rate = SCHEDULES[parts][1]
+    assert f"{parts} tuned on 64 scenes, 2 epochs at rate {rate:g}, the last epoch" in made.selection
 
 
 def test_tuning_begins_with_the_trained_weights_each_time(source, target):
@@ -59,7 +60,7 @@ def test_tuning_begins_with_the_trained_weights_each_time(source, target):
 
 def test_tuning_lowers_the_error_on_the_new_style(source, target):
     errors = []
-    for made in (source, Transfer(source, "style", epochs=60)):
+    for made in (source, Transfer(source, "style", epochs=60, rate=1e-3)):
         card = mg.evaluate(made, target, shots=128, references=0)
         assert card.shots == 128 and card.reference_scenes == 0
         errors.append(card.metrics["ADE"].mean)
