@@ -25,12 +25,18 @@ class Training:
     Attributes:
         domain: The domain they are tested on; they are trained on its sources.
         sources: Options of the domain's ``sources``.
-        options: Of the predictor's ``fit``.
+        options: Of ``fit``, for all predictors.
+        further: Of ``fit``, for some, by name.
     """
 
     domain: str
     sources: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    further: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def options_of(self, predictor: str) -> dict[str, Any]:
+        """Options of ``fit`` for a predictor."""
+        return {**self.options, **self.further.get(predictor, {})}
 
     def names(self) -> list[str]:
         """Specs of the domains to train on."""
@@ -124,6 +130,7 @@ def trainings() -> dict[str, Training]:
     found["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
     found["style"] = Training("orca:d=0.4")
     found["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
+    found["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})
     found["style/blind"] = Training("orca:d=0.4,radius=7")
     found |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     return found

@@ -57,7 +57,7 @@ def train(
         if there.exists() and not resume:
             raise SpecError(f"{there} is there already: add --resume to go on, or delete it to start again.")
     check_writable(path.parent)
-    options = {**plan.options, **({"epochs": epochs} if epochs else {})}
+    options = {**plan.options_of(made.name), **({"epochs": epochs} if epochs else {})}
     with progress_bar() as progress:
         task = progress.add_task(made.name, total=None)
 
