@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog, figures
-from motion_gym.benchmarks import REFERENCES, SCHEDULES, TUNED, Part
+from motion_gym.benchmarks import REFERENCES, TRIED, TUNED, Part
 from motion_gym.harness import ask
 from motion_gym.report import number
 from motion_gym.seed_tables import Result, over_seeds
@@ -46,16 +46,16 @@ def schedules(part: Part, results: Sequence[Result]) -> str:
         f"batches of 64 scenes. Without tuning it is {number(untuned)}. The best schedule of each row is what "
         "`transfer` takes by default.",
         "",
-        f"| tuned | {' | '.join(f'{epochs} epochs, {rate:g}' for epochs, rate in SCHEDULES)} |",
-        f"|---|{'---|' * len(SCHEDULES)}",
+        f"| tuned | {' | '.join(f'{epochs} epochs, {rate:g}' for epochs, rate in TRIED)} |",
+        f"|---|{'---|' * len(TRIED)}",
     ]
     for parts in TUNED:
-        rows = [f"transfer:parts={parts},epochs={epochs},rate={rate:g}" for epochs, rate in SCHEDULES]
+        rows = [f"transfer:parts={parts},epochs={epochs},rate={rate:g}" for epochs, rate in TRIED]
         means = [float(np.mean([values[row, column].mean() for column in columns])) for row in rows]
         best = int(np.argmin(means))
         cells = [f"**{number(m)}**" if place == best else number(m) for place, m in enumerate(means)]
         taken = transfer.SCHEDULES[parts]
-        note = "" if SCHEDULES[best] == taken else f" (`transfer` takes {taken[0]} epochs, {taken[1]:g})"
+        note = "" if TRIED[best] == taken else f" (`transfer` takes {taken[0]} epochs, {taken[1]:g})"
         lines.append(f"| {parts}{note} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from motion_gym import adaptation_report, catalog, figures, pretraining, seed_tables, source_selection, style_report
+from motion_gym import adaptation_report, catalog, figures, seed_tables, source_selection, style_report
 from motion_gym.benchmarks import PLAIN, SAMPLES, Found, Part
 from motion_gym.contract import Domain
 from motion_gym.storage import write_atomic
@@ -23,6 +23,8 @@ Report = Callable[[int, int, str], None]
 def write(name: str, found: Found, folder: Path, report: Report = lambda done, of, what: None) -> list[Path]:
     """Write tables and figures of a benchmark into ``folder``; returns their paths."""
     if name == "pretraining":
+        from motion_gym import pretraining  # needs PyTorch
+
         text, paths = pretraining.write(folder, report)
         write_atomic(folder / "tables.md", (text + "\n").encode())
         return [folder / "tables.md", *paths]
@@ -59,7 +61,10 @@ def _style(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
 
 
 def _transfer(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
-    texts = [style_report.claims(found, adaptation_report.TRANSFER_CLAIMS), adaptation_report.schedules(*found[-1])]
+    texts = [
+        style_report.claims(found, adaptation_report.TRANSFER_CLAIMS, "batches"),
+        adaptation_report.schedules(*found[-1]),
+    ]
     paths = []
     for (part, results), name in zip(found, ("honest", "paper"), strict=False):
         paths.append(folder / f"{name}.svg")

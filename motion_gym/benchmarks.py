@@ -176,13 +176,13 @@ def _styles(
 REFINED = ("modular", "refine:of=modular")
 TUNED = ("all", "style", "modulator", "last_layer")
 """What is tuned; see ``predictors.transfer``."""
-SCHEDULES = tuple((epochs, rate) for rate in (1e-4, 3e-4, 1e-3, 3e-3) for epochs in (10, 30, 100))
+TRIED = tuple((epochs, rate) for rate in (1e-4, 3e-4, 1e-3, 3e-3) for epochs in (10, 30, 100))
 """Epochs and rates to choose from on a style that was left out."""
 
 
 def _shots(title: str, d: float, batches: Sequence[int], trained: Sequence[str], weights: str, **how: Any) -> Part:
     domains = {str(n): f"orca:d={d}" for n in batches}
-    shots = {str(n): 64 * n for n in batches}
+    shots = {str(n): 64 * n for n in batches if n}
     return Part(title, domains, ("constant_velocity",), trained, weights, references=0, shots=shots, **how)
 
 
@@ -300,7 +300,7 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             (1, 2, 6),
             [
                 "modular_invariant",
-                *(f"transfer:parts={parts},epochs={e},rate={r:g}" for parts in TUNED for e, r in SCHEDULES),
+                *(f"transfer:parts={parts},epochs={e},rate={r:g}" for parts in TUNED for e, r in TRIED),
             ],
             "style/held_out",
         ),

@@ -195,6 +195,8 @@ class Predictor(Protocol):
     Optional methods, used where they exist:
         ``observe(truth)``: sees revealed truth, or reference scenes, after they were scored; may change state.
         ``reset()``: forget everything observed since construction; called at the start of every stream and domain.
+        ``tune(scenes, validation)``: learn from a few complete scenes of the domain that is scored, a Truth, and select
+            by those of ``validation``, a Truth or None.
         ``fit(train, validation, seed)``: learn from two sequences of Truth, one per environment; returns self.
         ``save(path)`` and ``load(path)``: weights on disk.
         ``fit`` with ``checkpoint``, ``resume``, ``every``, ``report``, ``device`` and ``names`` as that of
@@ -203,7 +205,8 @@ class Predictor(Protocol):
 
     Optional attributes: ``fitted`` (bool), for those with ``fit``; ``selection`` (str), how the weights were selected,
     which every result states; ``fingerprint`` (str), a digest of the weights, so that a result made with others is
-    another result; ``trained_on``, names of the domains whose windows the weights were trained on.
+    another result; ``trained_on``, names of the domains whose windows the weights were trained on; ``weights_name``,
+    the row of a benchmark whose weights are used, where it is not the predictor's own.
     """
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast | np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import resource
 import sys
@@ -28,7 +29,7 @@ from motion_gym.contract import (
 )
 from motion_gym.dicts import forecast_to_dict, observation_from_dict
 from motion_gym.domains import spec_of
-from motion_gym.harness import ask, name_of, ready, tell, windows_of_domain
+from motion_gym.harness import ask, name_of, ready, tell, tune, windows_of_domain
 from motion_gym.metrics import error_by_horizon, metric_rows, score
 from motion_gym.pettingzoo_env import ForecastEnv
 from motion_gym.windows import counts, pick_scenes
@@ -152,9 +153,9 @@ def evaluate(
         seed: Seed of the samples, and of the fit.
         references: Reference scenes that a predictor with ``observe`` is shown under ``honest``, the first ones of the
             domain; None for all.
-        shots: Scenes of the domain's own training split, the first ones: a predictor with ``tune`` is tuned on them,
-            and one with ``observe`` is shown them under ``honest``. Under ``paper``, what is tuned is also given the
-            validation split, to select by.
+        shots: Scenes of the domain's own training split, the first ones: a copy of a predictor with ``tune`` is tuned
+            on them, and one with ``observe`` is shown them under ``honest``. Under ``paper``, what is tuned is also
+            given the validation split, to select by.
         through: ``arrays`` asks for all windows at once; ``environment`` steps the PettingZoo environment. The scores
             are the same for every predictor whose forecasts do not depend on the batch.
         **parameters: Parameters of the domain.
@@ -186,15 +187,10 @@ def evaluate(
     leaking = observes and protocol == "paper"
     if leaking and through == "environment":
         raise SpecError("The paper protocol shows a predictor the batch it forecasts: use through='arrays'.")
-    shown, tunes = 0, hasattr(made, "tune")
-    few = _first_scenes(place, "train", shots) if shots and (tunes or observes) else None
-    if few is not None:
-        _refuse_shared(made, "training", few, truth, split)
-        if tunes:
-            learner: Any = made
-            learner.tune(few, windows_of_domain(place, "val") if protocol == "paper" else None)
-        if observes and protocol == "honest":
-            tell(made, few)
+    shown, tunes, learned = 0, hasattr(made, "tune"), 0
+    if shots and (tunes or (observes and protocol == "honest")):
+        made, learned = _shown_shots(made, place, truth, split, shots, protocol), shots
+    selected = tunes and learned > 0 and protocol == "paper"
     if observes and protocol == "honest":
         reference = place.reference() if references is None else _first_scenes(place, "reference", references)
         _refuse_shared(made, "reference", reference, truth, split)
@@ -227,11 +223,11 @@ def evaluate(
         horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
         versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
         oracle=hasattr(made, "know"),
-        leaks=_leaks(card, leaking, getattr(made, "trained_on", ()), type(place)),
+        leaks=_leaks(card, leaking, selected, getattr(made, "trained_on", ()), type(place)),
         scored=_scored(truth),
         selection=getattr(made, "selection", UNSTATED),
         reference_scenes=shown,
-        shots=0 if few is None else shots,
+        shots=learned,
         seconds=seconds,
         peak_memory=_peak_memory(),
         values=values,
@@ -248,6 +244,28 @@ def _first_scenes(domain: Domain, split: str, most: int) -> Truth:
             "many."
         )
     return pick_scenes(there, slice(0, most))
+
+
+def _shown_shots(
+    predictor: Predictor, domain: Domain, truth: Truth, split: str, shots: int, protocol: str
+) -> Predictor:
+    """The predictor after it was given scenes of the training split; a copy, if it was tuned on them."""
+    if getattr(type(domain), "tests_on_train", False):
+        raise SpecError(
+            f"`shots={shots}`: the training split of {domain.card.name} is cut from the recording that is scored, so "
+            "that it holds the future. Use `references`, or a domain whose splits are apart, as orca."
+        )
+    few = _first_scenes(domain, "train", shots)
+    _refuse_shared(predictor, "training", few, truth, split)
+    if hasattr(predictor, "tune"):
+        validation = windows_of_domain(domain, "val") if protocol == "paper" else None
+        if validation is not None:
+            _refuse_shared(predictor, "validation", validation, truth, split)
+        predictor = copy.deepcopy(predictor)
+        tune(predictor, few, validation)
+    if protocol == "honest":
+        tell(predictor, few)
+    return predictor
 
 
 def _refuse_shared(predictor: Predictor, kind: str, shown: Truth, scored: Truth, split: str) -> None:
@@ -330,12 +348,14 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
     return Forecast.join(parts)
 
 
-def _leaks(card: Card, leaking: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
+def _leaks(card: Card, leaking: bool, selected: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
     leaks = []
     if card.name in (catalog.parse_spec(spec)[0] for spec in trained_on) and getattr(kind, "tests_on_train", False):
         leaks.append(f"the weights were trained on windows of {card.name} that are scored here")
     if card.side_channels:
         leaks.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
+    if selected:
+        leaks.append("leak of the paper protocol: tuned as long as is best on validation scenes of the domain")
     if leaking:
         leaks.append("leak of the paper protocol: the style is read from the scored scenes' own future")
     return tuple(leaks)

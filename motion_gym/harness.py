@@ -108,8 +108,16 @@ def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: 
 def tell(predictor: Predictor, truth: Truth) -> None:
     """Let a predictor that has ``observe`` see revealed truth, or reference scenes."""
     if hasattr(predictor, "observe") and len(truth.future):
-        copy = Truth(_locked(truth.future), _locked(truth.known), frozen(truth.observation))
-        guarded(predictor, "observe", copy)
+        guarded(predictor, "observe", _locked_truth(truth))
+
+
+def tune(predictor: Predictor, scenes: Truth, validation: Truth | None) -> None:
+    """Let a predictor that has ``tune`` learn from scenes, and select by others if there are some."""
+    guarded(predictor, "tune", _locked_truth(scenes), None if validation is None else _locked_truth(validation))
+
+
+def _locked_truth(truth: Truth) -> Truth:
+    return Truth(_locked(truth.future), _locked(truth.known), frozen(truth.observation))
 
 
 def checked(answer: Any, observation: Observation, samples: int, name: str) -> Forecast:

@@ -17,10 +17,10 @@ from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.pair_network import Pairs
 from motion_gym.predictors.style_training import Schedule, StyleProgram
 from motion_gym.predictors.weighted import Weights
-from motion_gym.report import number
+from motion_gym.results import package_code, versions
 from motion_gym.seed_tables import spread
 from motion_gym.storage import write_atomic
-from motion_gym.style_report import paired_p
+from motion_gym.style_report import p_text, paired_p
 from motion_gym.windows import pick_scenes
 
 VARIANTS = {"pre-trained": (100, 50, 20, 100), "not pre-trained": (100, 0, 20, 100)}
@@ -56,30 +56,42 @@ class Watched(StyleProgram):
 
 
 def curves(folder: Path, report: Report) -> dict[str, np.ndarray]:
-    """ADE [epochs, watched, seeds] of each variant in metres; trained, unless it is in ``folder`` already."""
+    """ADE [epochs, watched, seeds] of each variant, metres; from ``folder``, if the same code and data made it."""
     found = {}
     total = sum(map(sum, VARIANTS.values()))
     done = 0
     for name, epochs in VARIANTS.items():
         path = folder / f"{name.replace(' ', '_')}.json"
-        if not path.exists():
-            program = Watched(epochs)
+        program = Watched(epochs)
+        made = {
+            "epochs": list(epochs),
+            "seeds": list(SEEDS),
+            "watched": list(WATCHED),
+            "training": json.loads(json.dumps(program.config)),
+            "versions": versions(),
+            "motion_gym_code": package_code(),
+        }
+        kept = _kept(path)
+        if {**kept, "ADE": None} != {**made, "ADE": None}:
 
             def tell(state: training.Progress, name: str = name, done: int = done) -> None:
                 report(done + state.epoch, total, f"{name}: {state.stage}")
 
             training.train(program, SEEDS, report=tell)
-            result: dict[str, Any] = {
-                "epochs": epochs,
-                "seeds": SEEDS,
-                "watched": WATCHED,
-                "training": program.config,
-                "ADE": program.seen,
-            }
-            write_atomic(path, (json.dumps(result) + "\n").encode())
+            kept = {**made, "ADE": program.seen}
+            write_atomic(path, (json.dumps(kept) + "\n").encode())
         done += sum(epochs)
-        found[name] = np.array(json.loads(path.read_text())["ADE"])
+        found[name] = np.array(kept["ADE"])
     return found
+
+
+def _kept(path: Path) -> dict[str, Any]:
+    """What a file holds; nothing if it is not there, or damaged."""
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) and "ADE" in found else {}
 
 
 def write(folder: Path, report: Report) -> tuple[str, list[Path]]:
@@ -102,7 +114,7 @@ def write(folder: Path, report: Report) -> tuple[str, list[Path]]:
         for name, values in table.items():
             lines.append(f"| `{domain}` | {name} | {' | '.join(spread(values[e - 1]) for e in EPOCHS)} |")
         first, second = table.values()
-        p = [number(paired_p(first[e - 1] - second[e - 1])) for e in EPOCHS]
+        p = [p_text(paired_p(first[e - 1] - second[e - 1])) for e in EPOCHS]
         lines.append(f"| `{domain}` | p | {' | '.join(p)} |")
         name, parameters = catalog.parse_spec(domain)
         paths.append(folder / f"{name}_{parameters['d']}.svg")

@@ -74,8 +74,8 @@ def conditions(results: Sequence[Result]) -> list[str]:
     ]
     shown = {r["predictor"]: r["reference_scenes"] for r in results if r["reference_scenes"]}
     lines += [f"{name}: was shown {n} reference scenes, disjoint from those scored" for name, n in shown.items()]
-    given = {r["predictor"]: r["shots"] for r in results if r["shots"]}
-    lines += [f"{name}: was given {n} scenes of the domain's training split" for name, n in given.items()]
+    given = dict.fromkeys((r["predictor"], r["shots"]) for r in results if r["shots"])
+    lines += [f"{name}: was given {n} scenes of the domain's training split" for name, n in given]
     single = dict.fromkeys(r["predictor"] for r in results if r["samples"] < r["k"])
     lines += [f"{', '.join(single)}: deterministic, one forecast stands for all {first['k']} samples"] if single else []
     selected: dict[str, dict[str, None]] = {}
@@ -171,7 +171,8 @@ def _cell(result: Result) -> str:
 
 
 def _options(result: Result) -> tuple[Any, ...]:
-    return result["split"], result["protocol"], result["k"], result["identity"].get("references"), result["shots"]
+    asked = result["identity"]
+    return result["split"], result["protocol"], result["k"], asked["references"], asked["shots"]
 
 
 def _by(results: Iterable[Result], key: Callable[[Result], Any]) -> list[list[Result]]:

@@ -27,7 +27,7 @@ from motion_gym.harness import windows_of_domain
 from motion_gym.storage import write_atomic
 
 PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
-SCHEMA = 1
+SCHEMA = 2
 IDENTIFIED = ("predictor", "domain", "split", "protocol", "k", "seed", "references", "shots")
 """Names of what ``key_of`` gives."""
 
@@ -116,6 +116,7 @@ def _complete(result: dict[str, Any]) -> bool:
             and isinstance(result["samples"], int)
             and isinstance(result["leaks"], list)
             and isinstance(result["identity"]["domain"], str)
+            and isinstance(result["identity"]["shots"], int)
         )
     except (KeyError, TypeError, IndexError):
         return False

@@ -77,7 +77,7 @@ def notes(part: Part, results: Sequence[Result]) -> list[str]:
         for name in ("agent_windows", "agents", "scenes")
     }
     windows, agents, scenes = (f"{c[0]} to {c[-1]}" if len(c) > 1 else str(c[0]) for c in counted.values())
-    given = ", ".join(str(part.shots.get(column, 0)) for column in part.domains)
+    given = {name: max([r["shots"] for r in results if part.column_of(r) == name], default=0) for name in part.domains}
     shown = max(result["reference_scenes"] for result in results)
     leaks = dict.fromkeys(leak for result in results for leak in result["leaks"])
     selections: dict[str, list[str]] = {}
@@ -90,7 +90,11 @@ def notes(part: Part, results: Sequence[Result]) -> list[str]:
         f"{first['scored']}; intervals of every run are in its file",
         *(f"{name}: mean of {', '.join(columns)}, each counting the same" for name, columns in part.pooled.items()),
         *([f"those with a style read it from {shown} reference scenes"] if shown else []),
-        *([f"scenes of the domain's training split that rows with a style learn from: {given}"] if part.shots else []),
+        *(
+            [f"scenes of the domain's training split that rows learn from: {', '.join(map(str, given.values()))}"]
+            if any(given.values())
+            else []
+        ),
         *leaks,
         *(f"selection, {', '.join(rows)}: {text}" for text, rows in selections.items()),
     ]

@@ -53,12 +53,13 @@ def beside_published(found: Found) -> str:
     return "\n".join(lines)
 
 
-def claims(found: Found, claimed: Sequence[tuple[str, str, str]]) -> str:
+def claims(found: Found, claimed: Sequence[tuple[str, str, str]], heading: str = "d") -> str:
     """Which claims hold, by the paired differences of the seeds, under the honest protocol.
 
     Args:
         found: The parts with their results.
         claimed: Rows B and A, and what is claimed of them.
+        heading: What the columns of the parts are.
     """
     lines = [
         "### Claims, tested in pairs of seeds",
@@ -67,7 +68,7 @@ def claims(found: Found, claimed: Sequence[tuple[str, str, str]]) -> str:
         "seed, the p-value of a two-sided t-test, and that corrected for the number of tests (Holm). Seeds differ in "
         "first weights, those of `ego` rows in the order of the scenes too; all see the same training and test scenes.",
         "",
-        "| claim | A - B | weights | d | difference | of B | seeds where A is better | p | corrected |",
+        f"| claim | A - B | weights | {heading} | difference | of B | seeds where A is better | p | corrected |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     tested: list[tuple[str, float]] = []
@@ -76,18 +77,19 @@ def claims(found: Found, claimed: Sequence[tuple[str, str, str]]) -> str:
         for first, second, claim in claimed:
             if part.protocol != "honest" or not {first, second} <= set(part.trained):
                 continue
-            for column in (*part.pooled, *part.domains):
+            for column in (*part.pooled, *(part.shots or part.domains)):
                 off = values[second, column] - values[first, column]
                 agree = f"{int((off < 0).sum())} of {len(off)}"
                 share = f"{100 * off.mean() / values[first, column].mean():+.0f} %"
                 cells = (claim, f"`{second}` - `{first}`", part.weights, column, spread(off), share, agree)
                 tested.append((" | ".join(cells), paired_p(off)))
     corrected = holm([p for _, p in tested])
-    lines += [f"| {cells} | {_p(p)} | {_p(more)} |" for (cells, p), more in zip(tested, corrected, strict=True)]
+    lines += [f"| {cells} | {p_text(p)} | {p_text(more)} |" for (cells, p), more in zip(tested, corrected, strict=True)]
     return "\n".join(lines)
 
 
-def _p(value: float) -> str:
+def p_text(value: float) -> str:
+    """A p-value for a table."""
     return "< .001" if value < 0.001 else number(value)
 
 

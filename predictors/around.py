@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from motion_gym import catalog
-from motion_gym.contract import Forecast, Observation, Truth
+from motion_gym.contract import Forecast, Observation, SpecError, Truth
 
 
 class Around:
@@ -30,11 +30,13 @@ class Around:
             name, parameters = catalog.parse_spec(of)
             known = {key: value for key, value in given.items() if value is not None}
             of = catalog.predictor(catalog.format_spec(name, {**parameters, **known}))
+        elif weights is not None or seed is not None:
+            raise SpecError("`weights` and `seed` go with the name of a predictor, and `of` is one already.")
         self.inner: Any = copy.deepcopy(of)
 
     @property
     def name(self) -> str:
-        """What is done to which predictor."""
+        """What is done to which predictor; a name for people where that one has settings of its own."""
         defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
         set_to = {"of": self.inner.name, **{k: getattr(self, k) for k in self.settings}}
         return catalog.format_spec(self.kind, {k: v for k, v in set_to.items() if v != defaults[k]})

@@ -81,7 +81,7 @@ class Frame:
 
     def into(self, positions: np.ndarray) -> np.ndarray:
         """World positions [A, 12, 2] as offsets [A, 24] from the line, along it and to its left."""
-        return turned(positions - self.line, self.heading[:, None]).reshape(len(self.line), -1)
+        return _turned(positions - self.line, self.heading[:, None]).reshape(len(self.line), -1)
 
     def out_of(self, offsets: np.ndarray) -> np.ndarray:
         """Offsets [A, 24] as world positions [A, 12, 2]."""
@@ -97,7 +97,7 @@ def scenes_of(observation: Observation) -> tuple[Scenes, Frame]:
     speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
     heading = np.where(speed > LEAST, velocity / np.maximum(speed, LEAST), [1.0, 0.0])
     line = at[:, None] + velocity[:, None] * dt * (np.arange(WINDOW) - (FREE - 1))[:, None]
-    deviation = turned(path - line[:, :HISTORY], heading[:, None])
+    deviation = _turned(path - line[:, :HISTORY], heading[:, None])
     other, there = neighbours(observation.scene)
     side, miss, when = _approach(at[other] - at[:, None], velocity[other] - velocity[:, None], (WINDOW - FREE) * dt)
     if other.shape[1] > NEIGHBOURS:
@@ -108,17 +108,17 @@ def scenes_of(observation: Observation) -> tuple[Scenes, Frame]:
     ahead, mirror = heading[:, None], np.stack([np.ones_like(side), side], axis=-1)
     apart = np.linalg.norm(velocity[other] - velocity[:, None], axis=-1)
     own = np.broadcast_to(speed[:, None], (*other.shape, 1))
-    theirs = turned(velocity[other], ahead) * mirror
+    theirs = _turned(velocity[other], ahead) * mirror
     before = np.concatenate([own, theirs, np.stack([miss, np.log(miss + 0.01), when, apart], axis=-1)], axis=-1)
 
     moving = np.diff(path, axis=1)[:, FREE - 1 :] / dt - velocity[:, None]
-    mine = turned(moving, heading[:, None])[:, None] * mirror[:, :, None]
-    others = turned(moving[other], ahead[:, :, None]) * mirror[:, :, None]
+    mine = _turned(moving, heading[:, None])[:, None] * mirror[:, :, None]
+    others = _turned(moving[other], ahead[:, :, None]) * mirror[:, :, None]
     last = np.diff(path[:, -2:], axis=1)[:, 0] / dt
     off, relative = path[other, -1] - path[:, None, -1], last[other] - last[:, None]
     _, nearer, then = _approach(off, relative, FUTURE * dt)
     now = np.stack([nearer, then, np.linalg.norm(relative, axis=-1), np.linalg.norm(off, axis=-1)], axis=-1)
-    parts = [mine.reshape(*other.shape, -1), others.reshape(*other.shape, -1), turned(off, ahead) * mirror, now]
+    parts = [mine.reshape(*other.shape, -1), others.reshape(*other.shape, -1), _turned(off, ahead) * mirror, now]
     arrays = (deviation.reshape(len(path), -1), before, np.concatenate(parts, axis=-1), miss, side * there)
     scenes = Scenes(*(torch.tensor(np.ascontiguousarray(array), dtype=torch.float32) for array in arrays))
     return scenes, Frame(line[:, HISTORY:], heading)
@@ -164,7 +164,7 @@ def _approach(position: np.ndarray, velocity: np.ndarray, limit: float) -> tuple
     return np.where(turning >= 0, 1.0, -1.0), distance, time
 
 
-def turned(vectors: np.ndarray, heading: np.ndarray) -> np.ndarray:
+def _turned(vectors: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """Coordinates of vectors along a heading and to its left."""
     left = vectors[..., 1] * heading[..., 0] - vectors[..., 0] * heading[..., 1]
     return np.stack([(vectors * heading).sum(axis=-1), left], axis=-1)

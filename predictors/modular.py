@@ -129,13 +129,13 @@ class Modular(StyleMemory, StyleErm):
         """Style codes [S, 8]; PredictorError if a scene has not two agents."""
         return pair_network.code(Pairs.of(truth).path, weights)[0]
 
-    def latent(self, observation: Observation) -> Tensor:
+    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, S, 16] of each scene after the first modulation."""
         weights = self._exact()
         history = pair_network.exact(observation).flatten(1)
         return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
 
-    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
+    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, S, 48], metres."""
         weights = self._exact()
         return pair_network.decode(latent, self._codes(weights), weights)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, Observation, SpecError, Truth
 from motion_gym.predictors import pair_network, stgat_network, stgat_style
 from motion_gym.predictors.graph_attention import Layout
@@ -19,6 +20,7 @@ from motion_gym.predictors.stgat_network import Draws
 from motion_gym.predictors.stgat_predictor import Stgat
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.weighted import Weights
+from motion_gym.windows import pick_scenes
 
 
 class ModularStgat(StyleMemory, Stgat):
@@ -29,7 +31,7 @@ class ModularStgat(StyleMemory, Stgat):
     code of the training scenes, which counts for one scene, and ``reset`` goes back there.
 
     Args:
-        weights: Name of shipped weights, or a ``.safetensors`` file; by default the shipped ones.
+        weights: A ``.safetensors`` file, or the name of shipped weights (``style/crowd``), by default these.
         seed: Which of the seeds that the weights hold; by default the first.
         sigma: true, ``relative`` (divided by its mean over the scene) or false (never given).
     """
@@ -53,6 +55,7 @@ class ModularStgat(StyleMemory, Stgat):
         device: torch.device,
         epochs: Sequence[int] = (40, 30, 30, 10, 5, 40),
         scenes: int = 64,
+        joint: bool = True,
     ) -> StyledStgatProgram:
         """The training program.
 
@@ -62,36 +65,50 @@ class ModularStgat(StyleMemory, Stgat):
             device: Where to train.
             epochs: Of the stages: the three of STGAT, style, modulator, forecast in style.
             scenes: Scenes of a step, an equal part from each environment.
+            joint: Steps hold scenes of all environments; there is no other way here.
 
         Raises:
+            SpecError: these are no stages.
             PredictorError: nothing to train on, one environment alone, one without neighbours, or an observation
                 without sigma.
         """
-        if len(epochs) != 6 or not epochs[-1]:
+        if not joint:
+            raise SpecError(f"{self.name} compares environments in every step: `joint=False` is not possible.")
+        if len(epochs) != 6 or not epochs[2] or not epochs[-1]:
             raise SpecError(
-                f"`epochs={tuple(epochs)}` must be six numbers, with at least one epoch in the last stage, for "
-                f"{self.name}."
+                f"`epochs={tuple(epochs)}` must be six numbers for {self.name}, with at least one epoch in the third "
+                "and in the last stage."
             )
+        for count in epochs:
+            whole_number("epochs", count, 0, 1_000_000)
         config = {"predictor": self.name, "objective": type(self.objective).__name__}
         return StyledStgatProgram(
             train, validation, self.features, self._inputs, self.objective, tuple(epochs), scenes, device, config
         )
 
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
-        """Style codes [S, 8] of those scenes in which there are neighbours."""
+        """Style codes [S, 8] of scenes of two agents or more."""
         pairs = NeighbourPairs.of(truth)
         scene = torch.from_numpy(pairs.scene)
-        codes = stgat_style.scene_codes(pairs.paths(whole_paths(truth)), scene, truth.observation.scenes, weights)
-        return codes[0, np.unique(pairs.scene)]
+        return stgat_style.scene_codes(pairs.paths(whole_paths(truth)), scene, truth.observation.scenes, weights)[0]
 
-    def latent(self, observation: Observation) -> Tensor:
+    @staticmethod
+    def whole_scenes(truth: Truth) -> Truth | None:
+        """Those scenes of two agents or more whose 20 steps are all known; None if there are none."""
+        whole = StyleMemory.whole_scenes(truth)
+        if whole is None:
+            return None
+        shows = np.flatnonzero(np.diff(whole.observation.scene) > 1)
+        return pick_scenes(whole, shows) if len(shows) else None
+
+    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, A, 64] of each agent, modulated."""
-        weights, draws, layout, steps = self._given(observation)
+        weights, draws, layout, steps = self._given(observation, seed)
         return stgat_style.modulate(stgat_network.encode(steps, draws, layout, weights), self._codes(weights), weights)
 
-    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
+    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, A, 24], metres."""
-        weights, draws, _, steps = self._given(observation)
+        weights, draws, _, steps = self._given(observation, seed)
         moves = stgat_network.decode(latent, steps[-1, :, :2], draws.noise, weights)
         return moves.permute(1, 2, 0, 3).flatten(2)
 
@@ -106,10 +123,10 @@ class ModularStgat(StyleMemory, Stgat):
         codes = stgat_style.scene_codes(pairs.paths(path), torch.from_numpy(pairs.scene), observation.scenes, weights)
         return pair_network.embed(codes, weights)
 
-    def _given(self, observation: Observation) -> tuple[Weights, Draws, Layout, Tensor]:
+    def _given(self, observation: Observation, seed: int) -> tuple[Weights, Draws, Layout, Tensor]:
         """Weights, and the inputs of the network for the first sample."""
         layout = Layout.of(observation.scene)
-        draws = self._draws(observation, layout, 1, 0)
+        draws = self._draws(observation, layout, 1, seed)
         return self._ready(), draws, layout, torch.from_numpy(self._inputs(observation))
 
     def _moves(self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.contract import FUTURE, PredictorError, Truth
+from motion_gym.contract import FUTURE, PredictorError, SpecError, Truth
 from motion_gym.predictors import pair_network, stgat_style
 from motion_gym.predictors.neighbour_pairs import NeighbourPairs, whole_paths
 from motion_gym.predictors.objectives import Erm, Objective, risks_of
@@ -86,6 +86,10 @@ class StyledStgatProgram(StgatProgram):
                 "The style loss compares environments: give at least two to train on, one Truth for each, and the same "
                 f"ones to validate on ({len(self.train)} and {len(validation)} were given), or train `erm_no_sigma`."
             )
+        if scenes < 2 * len(self.train):
+            raise SpecError(
+                f"`scenes={scenes}` of a step must be two or more of each of {len(self.train)} environments."
+            )
         self.pairs = [Paths(truth) for truth in self.train]
         for number, pairs in enumerate(self.pairs):
             if (pairs.count > 0).sum() < 2:
@@ -126,7 +130,7 @@ class StyledStgatProgram(StgatProgram):
             environment = environment.to(self.device)
             loss = torch.zeros(len(codes), device=self.device)
             if stage != 4:
-                loss = style_loss(pair_network.embed(codes[:, there], weights), environment[there])
+                loss = self._style_loss(codes, environment, there, weights)
             if stage > 3:
                 batch = self._batch(parts)
                 total = codes.new_zeros(len(codes), len(parts), codes.shape[2]).index_add(1, environment, codes)
@@ -155,9 +159,18 @@ class StyledStgatProgram(StgatProgram):
 
     def _mean_code(self, number: int, most: int | None, weights: Weights) -> Tensor:
         """Mean code [M, 1, 8] of the first scenes of an environment."""
-        scenes = np.arange(self.train[number].observation.scenes)[:most]
-        codes, there = self._codes([(number, scenes)], weights)
-        return codes[:, there].mean(dim=1, keepdim=True)
+        shows = np.flatnonzero(self.pairs[number].count)[:most]
+        codes, _ = self._codes([(number, shows)], weights)
+        return codes.mean(dim=1, keepdim=True)
+
+    @staticmethod
+    def _style_loss(codes: Tensor, environment: Tensor, there: Tensor, weights: Weights) -> Tensor:
+        """Style loss [M] of the scenes that show a style, of environments with two or more of them; 0 for one alone."""
+        shown = torch.bincount(environment[there], minlength=len(environment)) > 1
+        there = there & shown[environment]
+        if shown.sum() < 2:
+            return codes.sum(dim=(1, 2)) * 0
+        return style_loss(pair_network.embed(codes[:, there], weights), environment[there])
 
     def _codes(self, parts: Sequence[tuple[int, np.ndarray]], weights: Weights) -> tuple[Tensor, Tensor]:
         """Codes [M, S, 8] of the scenes of a step, and which of them have pairs [S]."""

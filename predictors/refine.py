@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -19,13 +20,13 @@ from motion_gym.predictors.style_loss import TEMPERATURE
 
 @runtime_checkable
 class Refinable(Protocol):
-    """What a predictor needs for its forecasts to be refined; scenes are S, a latent has C values."""
+    """What a predictor needs for its forecasts to be refined; S scenes, latents of C values."""
 
-    def latent(self, observation: Observation) -> Tensor:
-        """Latent [1, S, C] of each scene, in the style observed so far."""
+    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
+        """Latent [1, N, C] of the scenes, or of their agents, in the style observed so far; of the first sample."""
         ...
 
-    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
+    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements of all agents that a latent stands for, in order: [1, A, 24], or as many values."""
         ...
 
@@ -87,10 +88,16 @@ class Refine(Around):
         self.towards = np.zeros(0)
         self.scenes = 0
 
-    def tune(self, scenes: Truth, validation: Truth | None = None) -> None:
-        """Tune the predictor, if it can be tuned; see ``Transfer``."""
-        if hasattr(self.inner, "tune"):
-            self.inner.tune(scenes, validation)
+    @property
+    def tune(self) -> Callable[..., None]:
+        """Tune the predictor, and forget what was observed; AttributeError if it cannot be tuned. See ``Transfer``."""
+        tune = self.inner.tune
+
+        def tuned(scenes: Truth, validation: Truth | None = None) -> None:
+            tune(scenes, validation)
+            self.reset()
+
+        return tuned
 
     def observe(self, truth: Truth) -> None:
         """Read the style, and the embeddings to refine towards, from scenes whose 20 steps are all known."""
@@ -111,26 +118,26 @@ class Refine(Around):
         self.towards, self.scenes = np.zeros(0), 0
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
-        """Forecast [A, 1, 12, 2], metres.
+        """Forecast [A, 1, 12, 2], metres: the first sample alone, refined.
 
         Raises:
             PredictorError: there are no weights, or the scenes are not such as the predictor takes.
         """
         with torch.no_grad():
-            latent = self.inner.latent(observation)
+            latent = self.inner.latent(observation, seed)
         if self.scenes:
-            latent = self._refined(observation, latent.clone())
+            latent = self._refined(observation, latent.clone(), seed)
         with torch.no_grad():
-            moves = self.inner.from_latent(observation, latent)
+            moves = self.inner.from_latent(observation, latent, seed)
         return walked(observation, moves)
 
-    def _refined(self, observation: Observation, latent: Tensor) -> Tensor:
+    def _refined(self, observation: Observation, latent: Tensor, seed: int) -> Tensor:
         goal = torch.tensor(self.towards / self.scenes / TEMPERATURE, dtype=torch.float64)
         with torch.enable_grad():
             latent.requires_grad_()
             adam = torch.optim.Adam([latent], lr=self.rate)
             for _ in range(self.steps):
-                embedded = self.inner.embedded(observation, self.inner.from_latent(observation, latent))
+                embedded = self.inner.embedded(observation, self.inner.from_latent(observation, latent, seed))
                 (latent.grad,) = torch.autograd.grad(-(embedded.double() @ goal).sum(), [latent])
                 adam.step()
         return latent.detach()

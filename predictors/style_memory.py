@@ -32,12 +32,7 @@ class StyleMemory(Weighted):
         """
         weights = self._ready()
         check_truth(truth, "What was observed")
-        dt = float(weights["prior.dt"])
-        if not np.isclose(truth.observation.dt, dt, rtol=1e-3):
-            raise PredictorError(
-                f"{self.name} reads styles from steps of {dt:.3g} s, and was shown scenes with steps of "
-                f"{truth.observation.dt:.3g} s: resample them, or train on such steps."
-            )
+        self.check_dt(truth)
         whole = self.whole_scenes(truth)
         if whole is None:
             return
@@ -50,13 +45,22 @@ class StyleMemory(Weighted):
         """Forget all that was observed."""
         self.observed, self.scenes = np.zeros(CODE), 0
 
+    def check_dt(self, truth: Truth) -> None:
+        """Raise PredictorError unless steps are as long as those that the style encoder was trained on."""
+        dt = float(self._ready()["prior.dt"][0])
+        if not np.isclose(truth.observation.dt, dt, rtol=1e-3):
+            raise PredictorError(
+                f"{self.name} reads styles from steps of {dt:.3g} s, and was shown scenes with steps of "
+                f"{truth.observation.dt:.3g} s: resample them, or train on such steps."
+            )
+
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
-        """Style codes [S, 8] of those scenes that show one."""
+        """Style codes [S, 8] of scenes as ``whole_scenes`` gives them."""
         raise NotImplementedError
 
     @staticmethod
     def whole_scenes(truth: Truth) -> Truth | None:
-        """Those scenes whose 20 steps are all known; None if there are none."""
+        """Those scenes that show a style, and whose 20 steps are all known; None if there are none."""
         index = truth.observation.scene_index[~truth.known.all(axis=1)]
         whole = np.setdiff1d(np.arange(truth.observation.scenes), index)
         return pick_scenes(truth, whole) if len(whole) else None

@@ -98,46 +98,56 @@ class Transfer(Around):
 
         Raises:
             DataError: it is no proper Truth.
-            PredictorError: there are no weights; the scenes are no multiple of 64, or not complete; or the domains that
-                the weights were trained on are not known.
+            PredictorError: there are no weights; the scenes are no multiple of 64, not complete, not of two agents, or
+                of another length of step; or the style loss needs to know the domains that the weights were trained on.
         """
-        check_truth(scenes, "What is to be tuned on")
-        count = scenes.observation.scenes
-        if not count or count % BATCH or not scenes.known.all():
+        count = check_truth(scenes, "What is to be tuned on").observation.scenes
+        if not count or count % BATCH:
             raise PredictorError(
-                f"{self.name} is tuned on batches of {BATCH} complete scenes, and was given {count} scenes: give "
-                f"{max(count // BATCH, 1) * BATCH}, all of whose steps are known."
+                f"{self.name} is tuned on batches of {BATCH} scenes, and was given {count} scenes: give "
+                f"{max(count // BATCH, 1) * BATCH}."
             )
         if self.begin is None:
             self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
             self.begin = self.inner.stacked, self.inner.card
         weights, card = self.begin
+        given = [scenes] if validation is None else [scenes, check_truth(validation, "What is to be selected by")]
+        for truth in given:
+            self.inner.check_dt(truth)
+            if not truth.known.all():
+                raise PredictorError(f"{self.name} is tuned on scenes all of whose 20 steps are known: give such.")
         trained_on = card.get("trained_on", ())
-        if self.style_weight and not trained_on:
+        compares = self.style_weight > 0 and bool({"style", "head"} & set(PARTS[self.parts]))
+        if compares and not trained_on:
             raise PredictorError(
                 "The style loss compares the new style with those of training, and the weights of "
                 f"{self.inner.name} do not name the domains that they were trained on: set style_weight=0."
             )
         epochs, rate = SCHEDULES[self.parts] if validation is None else PUBLISHED
         epochs, rate = self.epochs or epochs, self.rate or rate
-        sources = _windows(tuple(trained_on)) if self.style_weight else []
+        sources = _windows(tuple(trained_on))
         program = TransferProgram(weights, scenes, sources, self.parts, epochs, rate, self.style_weight, validation)
-        tuned = _trained(program, [scenes] if validation is None else [scenes, validation], card["seeds"])
-        chosen = "the last epoch" if validation is None else "the best epoch on validation scenes of the target"
-        self.how = f"; then {self.parts} tuned on {count} scenes, {epochs} epochs at rate {rate:g}, {chosen}"
+        tuned = _trained(program, given, card.get("seeds", list(range(len(weights["prior.dt"])))))
+        if validation is not None:
+            chosen = "the best epoch on validation scenes of the domain itself"
+        elif self.epochs or self.rate:
+            chosen = "as long and as fast as is said, the last epoch"
+        else:
+            chosen = "as long and as fast as is best on a style that was left out of training, the last epoch"
+        self.how = f"; then tuned on scenes of the domain: {chosen}"
         self.inner.use(tuned, card)
 
     def whole_scenes(self, truth: Truth) -> Truth | None:
         """See ``Modular``, as for the next three, which are what ``Refine`` needs."""
         return self.inner.whole_scenes(truth)
 
-    def latent(self, observation: Observation) -> Tensor:
+    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, S, 16] of each scene."""
-        return self.inner.latent(observation)
+        return self.inner.latent(observation, seed)
 
-    def from_latent(self, observation: Observation, latent: Tensor) -> Tensor:
+    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, S, 48], metres."""
-        return self.inner.from_latent(observation, latent)
+        return self.inner.from_latent(observation, latent, seed)
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
         """Style embeddings [1, S, 8]."""
@@ -158,7 +168,8 @@ def _trained(program: TransferProgram, data: Sequence[Truth], seeds: Sequence[in
     name = key.hexdigest()
     if name not in _kept:
         made = training.train(program, seeds).weights
-        made["prior.code"] = mean_code([program.pairs, *program.sources], made)
+        if program.sources:
+            made["prior.code"] = mean_code([program.pairs, *program.sources], made)
         _kept[name] = made
         for old in list(_kept)[:-KEPT]:
             del _kept[old]

@@ -93,6 +93,7 @@ def test_own_domain(folder):
 def test_new_style(folder):
     said = python(folder, "new_style.py")
     found = {line.split(": ADE")[0]: float(line.split()[-2]) for line in said.splitlines()}
-    plain = found["modular, 64 reference scenes"]
-    assert plain < found["modular, 0 reference scenes"]
-    assert found["refined, 64 reference scenes"] < plain and found["tuned on 128 scenes, 64 reference scenes"] < plain
+    plain = found["modular_invariant, 128 scenes"]
+    assert plain < found["modular_invariant, 0 scenes"]
+    assert found["refine, 128 scenes"] < plain and found["transfer, 128 scenes"] < plain
+    assert found["refine:of=transfer, 128 scenes"] < found["transfer, 128 scenes"]

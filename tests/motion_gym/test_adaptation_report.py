@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motion_gym import adaptation_report, benchmark_report, benchmarks, pretraining, seed_tables
-from motion_gym.benchmarks import BENCHMARKS, SCHEDULES, TUNED, Part, Training
+from motion_gym.benchmarks import BENCHMARKS, TRIED, TUNED, Part, Training
 from motion_gym.predictors import transfer
 
 CROWD = "orca:d=0.6,scenes=200"
@@ -33,20 +33,18 @@ def test_columns_of_one_domain_differ_in_shots(tmp_path, monkeypatch):
     assert (values[untuned, "1"] < 0.8 * values[untuned, "0"]).all()
     assert np.array_equal(values[untuned, "0"], values[tuned, "0"])
     assert not np.array_equal(values[untuned, "1"], values[tuned, "1"])
-    assert "scenes of the domain's training split that rows with a style learn from: 0, 64" in seed_tables.markdown(
-        part, results
-    )
+    assert "scenes of the domain's training split that rows learn from: 0, 64" in seed_tables.markdown(part, results)
 
 
 def test_the_best_schedule_is_marked_and_another_default_is_named(monkeypatch):
     part = Part("Held out", {"1": CROWD}, (), (), "style")
-    errors = {f"transfer:parts={p},epochs={e},rate={r:g}": 0.2 for p in TUNED for e, r in SCHEDULES}
+    errors = {f"transfer:parts={p},epochs={e},rate={r:g}": 0.2 for p in TUNED for e, r in TRIED}
     errors["modular_invariant"] = 0.3
-    monkeypatch.setitem(transfer.SCHEDULES, "all", SCHEDULES[1])
-    monkeypatch.setitem(transfer.SCHEDULES, "style", SCHEDULES[2])
+    monkeypatch.setitem(transfer.SCHEDULES, "all", TRIED[1])
+    monkeypatch.setitem(transfer.SCHEDULES, "style", TRIED[2])
     best = (("all", 1, 0.11), ("style", 1, 0.12), ("modulator", 0, 0.1), ("last_layer", 3, 0.13))
     for parts, place, error in best:
-        errors[f"transfer:parts={parts},epochs={SCHEDULES[place][0]},rate={SCHEDULES[place][1]:g}"] = error
+        errors[f"transfer:parts={parts},epochs={TRIED[place][0]},rate={TRIED[place][1]:g}"] = error
     monkeypatch.setattr(
         adaptation_report,
         "over_seeds",
@@ -55,7 +53,7 @@ def test_the_best_schedule_is_marked_and_another_default_is_named(monkeypatch):
     lines = adaptation_report.schedules(part, []).splitlines()
     assert "Without tuning it is .300" in lines[2]
     assert lines[6].startswith("| all | .200 | **.110** | .200")
-    epochs, rate = SCHEDULES[2]
+    epochs, rate = TRIED[2]
     assert lines[7].startswith(f"| style (`transfer` takes {epochs} epochs, {rate:g}) | .200 | **.120** |")
 
 

@@ -37,7 +37,7 @@ def test_file_has_everything_that_lasts(tmp_path):
     result = run("linear", CROWD, tmp_path, k=2, seed=3)
     kept = strict(only(tmp_path))
     assert kept == json.loads(json.dumps(result)) == read(only(tmp_path))
-    assert kept["schema"] == 1
+    assert kept["schema"] == results.SCHEMA
     assert (kept["predictor"], kept["split"], kept["k"], kept["seed"]) == ("linear", "test", 2, 3)
     assert kept["protocol"] == "honest"
     assert kept["selection"].startswith("fitted in closed form")
@@ -161,7 +161,7 @@ def test_changed_source_is_another_run_and_replaces_the_old_one_in_tables(tmp_pa
 
 
 @pytest.mark.parametrize(
-    "content", ["", '{"schema": 1', "[]", "not json", '{"schema": 0}', '{"schema": 1}'], ids=range(6)
+    "content", ["", '{"schema": 2', "[]", "not json", '{"schema": 1}', '{"schema": 2}'], ids=range(6)
 )
 def test_damaged_file_is_named_with_a_remedy(tmp_path, content):
     run("stand_still", CROWD, tmp_path)

@@ -1,15 +1,17 @@
 """Low-shot transfer of the modular predictor."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
 import motion_gym as mg
-from motion_gym.contract import PredictorError, SpecError
+from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.domains import training_set
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.refine import Refine
-from motion_gym.predictors.transfer import SCHEDULES, Transfer
+from motion_gym.predictors.transfer import Transfer
 from motion_gym.predictors.transfer_training import PARTS
 from motion_gym.windows import pick_scenes
 
@@ -44,8 +46,8 @@ def test_only_what_is_named_is_tuned(source, target, parts):
     expected = {name for name in before if name in PARTS[parts] or name.split(".")[0] in PARTS[parts]}
     assert changed(made, source) - {"prior.code"} == expected
     assert all(torch.equal(before[name], value) for name, value in source.stacked.items())
-    rate = SCHEDULES[parts][1]
-    assert f"{parts} tuned on 64 scenes, 2 epochs at rate {rate:g}, the last epoch" in made.selection
+    assert made.selection.endswith("then tuned on scenes of the domain: as long and as fast as is said, the last epoch")
+    assert made.name.endswith(f",parts={parts},epochs=2" if parts != "modulator" else ",epochs=2")
 
 
 def test_tuning_begins_with_the_trained_weights_each_time(source, target):
@@ -71,15 +73,35 @@ def test_tuning_lowers_the_error_on_the_new_style(source, target):
 def test_what_is_tuned_can_be_refined(source, target):
     made = Refine(Transfer(source, epochs=2), steps=2)
     tuned = mg.evaluate(made, target, shots=64, references=0)
-    assert "modulator tuned on 64 scenes" in tuned.selection
+    assert "then tuned on scenes of the domain" in tuned.selection
     assert tuned.metrics["ADE"].mean != mg.evaluate(made.inner, target, shots=64, references=0).metrics["ADE"].mean
 
 
 def test_the_paper_protocol_selects_on_the_target(source, target):
     made = Transfer(source, epochs=3)
     card = mg.evaluate(made, target, shots=64, protocol="paper")
-    assert card.selection.endswith("the best epoch on validation scenes of the target")
-    assert "epochs at rate 0.001" in card.selection and card.leaks
+    assert card.selection.endswith("the best epoch on validation scenes of the domain itself")
+    assert any("tuned as long as is best on validation scenes" in leak for leak in card.leaks)
+    with pytest.raises(SpecError, match="is shown the validation scenes"):
+        mg.evaluate(made, target, shots=64, protocol="paper", split="val")
+
+
+def test_evaluation_leaves_a_predictor_untuned(source, target):
+    made = Transfer(source, "all", epochs=3, rate=1e-2)
+    before = mg.evaluate(made, target, references=0).metrics["ADE"].mean
+    assert mg.evaluate(made, target, references=0, shots=64).metrics["ADE"].mean != before
+    assert mg.evaluate(made, target, references=0).metrics["ADE"].mean == before
+
+
+def test_under_paper_shots_count_where_something_is_tuned_alone(source, target):
+    assert mg.evaluate(source, target, shots=64, protocol="paper").shots == 0
+    assert mg.evaluate(Refine(source), target, shots=64, protocol="paper").shots == 0
+    assert mg.evaluate(Refine(Transfer(source, epochs=1)), target, shots=64, protocol="paper").shots == 64
+
+
+def test_training_scenes_that_overlap_what_is_scored_are_refused(eth_ucy):
+    with pytest.raises(SpecError, match="cut from the recording that is scored"):
+        mg.evaluate("ego_modular", "zara1", shots=64)
 
 
 def test_a_predictor_without_a_style_has_no_use_for_shots(target):
@@ -88,7 +110,7 @@ def test_a_predictor_without_a_style_has_no_use_for_shots(target):
 
 def test_what_cannot_be_tuned_is_refused(source, target):
     made = Transfer(source, epochs=1)
-    with pytest.raises(PredictorError, match="batches of 64 complete scenes, and was given 100 scenes: give 64"):
+    with pytest.raises(PredictorError, match="batches of 64 scenes, and was given 100 scenes: give 64"):
         made.tune(pick_scenes(target.windows("train"), slice(0, 100)))
     with pytest.raises(SpecError, match=r"`shots=640`: orca has \d+ training scenes. Ask for at most"):
         mg.evaluate(made, target, shots=640)
@@ -96,6 +118,12 @@ def test_what_cannot_be_tuned_is_refused(source, target):
         mg.evaluate(made, target, shots=64, split="train")
     with pytest.raises(SpecError, match=r"no `parts=modulater`.*Did you mean `modulator`"):
         Transfer(source, "modulater")
+    slow = target.windows("train")
+    slow = Truth(slow.future, slow.known, dataclasses.replace(slow.observation, dt=0.1))
+    with pytest.raises(PredictorError, match=r"reads styles from steps of 0.4 s, and was shown .* steps of 0.1 s"):
+        made.tune(pick_scenes(slow, slice(0, 64)))
+    with pytest.raises(SpecError, match="`weights` and `seed` go with the name"):
+        Transfer(source, seed=1)
     for option in ({"rate": 0}, {"rate": True}, {"epochs": 0}, {"style_weight": -1}):
         with pytest.raises(SpecError, match=next(iter(option))):
             Transfer(source, **option)
@@ -104,7 +132,10 @@ def test_what_cannot_be_tuned_is_refused(source, target):
     three = mg.domain("orca:agents=3,scenes=100").windows("train")
     with pytest.raises(PredictorError, match="exactly 2 agents"):
         made.tune(pick_scenes(three, np.arange(64)))
-    unnamed = Transfer(source, epochs=1)
+    unnamed = Transfer(source, "style", epochs=1)
     unnamed.inner.card = {**source.card, "trained_on": []}
+    without = Transfer(unnamed.inner, epochs=1)
+    without.tune(few(target, 1))
+    assert torch.equal(without.inner.stacked["prior.code"], source.stacked["prior.code"])
     with pytest.raises(PredictorError, match="do not name the domains that they were trained on: set style_weight=0"):
         unnamed.tune(few(target, 1))
