@@ -11,9 +11,10 @@ import torch
 from torch import Tensor
 
 from motion_gym import catalog
-from motion_gym.contract import Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import Forecast, Observation, PredictorError, Truth
 from motion_gym.harness import name_of
 from motion_gym.predictors.around import Around
+from motion_gym.predictors.objectives import positive
 from motion_gym.predictors.pair_network import walked
 from motion_gym.predictors.style_loss import TEMPERATURE
 
@@ -82,9 +83,7 @@ class Refine(Around):
                 f"{name_of(self.inner)} has no style encoder, so that there is nothing to refine a "
                 "forecast by: use modular or modular_invariant."
             )
-        if isinstance(rate, (bool, str)) or not 0 < rate < float("inf"):
-            raise SpecError(f"`rate={rate}` must be a number above 0.")
-        self.steps, self.rate = catalog.whole_number("steps", steps, 0, 10_000), float(rate)
+        self.steps, self.rate = catalog.whole_number("steps", steps, 0, 10_000), positive("rate", rate)
         self.towards = np.zeros(0)
         self.scenes = 0
 

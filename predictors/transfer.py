@@ -15,7 +15,7 @@ from motion_gym.contract import Observation, PredictorError, SpecError, Truth
 from motion_gym.harness import name_of
 from motion_gym.predictors.around import Around
 from motion_gym.predictors.modular import Modular
-from motion_gym.predictors.objectives import number
+from motion_gym.predictors.objectives import number, positive
 from motion_gym.predictors.style_training import mean_code
 from motion_gym.predictors.transfer_training import BATCH, PARTS, TransferProgram
 from motion_gym.predictors.weighted import Weights
@@ -76,9 +76,8 @@ class Transfer(Around):
             raise PredictorError(f"{name_of(self.inner)} cannot be tuned to a style: use modular or modular_invariant.")
         if parts not in PARTS:
             raise SpecError(f"There is no `parts={parts}` to tune.{catalog.suggest(str(parts), PARTS)}")
-        if rate is not None and number("rate", rate) == 0:
-            raise SpecError("`rate=0` tunes nothing: give a number above 0.")
-        self.parts, self.rate, self.style_weight = parts, rate, number("style_weight", style_weight)
+        self.parts, self.rate = parts, None if rate is None else positive("rate", rate)
+        self.style_weight = number("style_weight", style_weight)
         self.epochs = None if epochs is None else catalog.whole_number("epochs", epochs, 1, 10**6)
         self.how = ""
         self.begin: tuple[Weights, dict[str, Any]] | None = None
