@@ -352,6 +352,8 @@ def read(name: str, folder: Path) -> Found:
         SpecError: there is no such benchmark.
         DataError: a run is missing.
     """
+    if not parts(name):
+        return []
     there = {results.key_of(result): result for result in results.read_folder(folder)}
     found = []
     for part in parts(name):
