@@ -162,7 +162,7 @@ def _trained(program: TransferProgram, data: Sequence[Truth], seeds: Sequence[in
     digests = [digest(truth)["sha256"] for truth in data]
     stages = [(stage.epochs, stage.rates) for stage in program.stages]
     key = hashlib.sha256(repr((digests, stages, program.config, seeds)).encode())
-    for name, value in program.begin.items():
+    for name, value in sorted(program.begin.items()):
         key.update(name.encode() + value.numpy().tobytes())
     name = key.hexdigest()
     if name not in _kept:

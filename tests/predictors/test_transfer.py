@@ -9,6 +9,7 @@ import torch
 import motion_gym as mg
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.domains import training_set
+from motion_gym.predictors import transfer
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.refine import Refine
 from motion_gym.predictors.transfer import Transfer
@@ -139,3 +140,12 @@ def test_what_cannot_be_tuned_is_refused(source, target):
     assert torch.equal(without.inner.stacked["prior.code"], source.stacked["prior.code"])
     with pytest.raises(PredictorError, match="do not name the domains that they were trained on: set style_weight=0"):
         unnamed.tune(few(target, 1))
+
+
+def test_all_seeds_of_a_row_are_tuned_together(target, monkeypatch):
+    tuned = []
+    train = transfer.training.train
+    monkeypatch.setattr(transfer.training, "train", lambda *given: tuned.append(given) or train(*given))
+    for seed in (3, 4):
+        mg.evaluate(f"transfer:parts=last_layer,epochs=1,style_weight=0,seed={seed}", target, shots=64, references=0)
+    assert len(tuned) == 1
