@@ -290,7 +290,7 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             "The same by the published protocol",
             0.6,
             range(7),
-            ("modular_invariant", "refine", *(f"transfer:parts={parts}" for parts in TUNED), "refine:of=transfer"),
+            ("modular_invariant", "refine", *(f"transfer:parts={parts}" for parts in ("all", "style", "modulator"))),
             "style",
             protocol="paper",
         ),
