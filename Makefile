@@ -22,7 +22,7 @@ $(VENV)/.ready: $(VENV)/.installed
 	@touch $@
 
 demo: $(VENV)/.installed
-	OMP_NUM_THREADS=1 $(BIN)/motion-gym run style --out $(VENV)/demo
+	$(BIN)/motion-gym run style --out $(VENV)/demo
 	@echo 'Next: write a predictor, as examples/own_predictor.py. From the folder examples:'
 	@echo '  . ../.venv/bin/activate; motion-gym score own_predictor:Turning --domain orca:d=0.6'
 
