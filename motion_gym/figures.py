@@ -107,24 +107,13 @@ def one_scene(part: Part, rows: Sequence[str], path: Path) -> None:
     for axes, alpha in zip(panels, SCENE_ALPHAS, strict=True):
         place = catalog.domain(part.domains[str(alpha)])
         scene = pick_scenes(place.windows("test"), [number])
-        history, future = scene.observation.xy, scene.future
-        for person, (past, then) in enumerate(zip(history, future, strict=True)):
-            label = ("observed", "truth") if not person else (None, None)
-            axes.plot(*past.T, "-", color="0.6", linewidth=2, label=label[0])
-            axes.plot(*np.vstack([past[-1:], then]).T, "-", color="black", linewidth=2, label=label[1])
+        _draw(axes, scene, f"alpha = {alpha}")
         for color, row in zip(colors, rows, strict=False):
             name, parameters = catalog.parse_spec(row)
             weights = {"weights": part.weights} if row in part.trained else {}
             made = ready(catalog.format_spec(name, {**parameters, **weights}), place)
             forecast = ask(made, scene.observation).most_likely()
-            for person, (past, then) in enumerate(zip(history, forecast, strict=True)):
-                line = np.vstack([past[-1:], then])
-                axes.plot(*line.T, "-", color=color, linewidth=1, label=None if person else row)
-        axes.set_title(f"alpha = {alpha}", fontsize=10)
-        axes.set_aspect("equal", adjustable="box")
-        axes.set_xlabel("x, metres")
-        axes.set_ylabel("y, metres")
-        axes.label_outer()
+            _draw_forecast(axes, scene, forecast, color, row)
     figure.legend(
         *panels[0].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=6, frameon=False
     )
@@ -145,21 +134,29 @@ def two_agents(panels: Mapping[str, Mapping[int, np.ndarray]], scene: Truth, pat
     each = figure.subplots(len(panels) // wide, wide, sharex=True, sharey=True)
     colors = matplotlib.colormaps["viridis"]
     for axes, (title, forecasts) in zip(each, panels.items(), strict=True):
-        for person, (past, then) in enumerate(zip(scene.observation.xy, scene.future, strict=True)):
-            label = ("observed", "truth") if not person else (None, None)
-            axes.plot(*past.T, "-", color="0.6", linewidth=2, label=label[0])
-            axes.plot(*np.vstack([past[-1:], then]).T, "-", color="black", linewidth=2, label=label[1])
-            for number, (steps, forecast) in enumerate(forecasts.items()):
-                line = np.vstack([past[-1:], forecast[person]])
-                color = colors(number / max(len(forecasts) - 1, 1))
-                axes.plot(*line.T, "-", color=color, linewidth=1.2, label=None if person else f"{steps} steps")
-        axes.set_title(title, fontsize=10)
-        axes.set_aspect("equal", adjustable="box")
-        axes.set_xlabel("x, metres")
-        axes.set_ylabel("y, metres")
-        axes.label_outer()
+        _draw(axes, scene, title)
+        for number, (steps, forecast) in enumerate(forecasts.items()):
+            _draw_forecast(axes, scene, forecast, colors(number / max(len(forecasts) - 1, 1)), f"{steps} steps")
     figure.legend(*each[0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=8, frameon=False)
     _write(figure, path)
+
+
+def _draw(axes: Any, scene: Truth, title: str) -> None:
+    for person, (past, then) in enumerate(zip(scene.observation.xy, scene.future, strict=True)):
+        label = ("observed", "truth") if not person else (None, None)
+        axes.plot(*past.T, "-", color="0.6", linewidth=2, label=label[0])
+        axes.plot(*np.vstack([past[-1:], then]).T, "-", color="black", linewidth=2, label=label[1])
+    axes.set_title(title, fontsize=10)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("x, metres")
+    axes.set_ylabel("y, metres")
+    axes.label_outer()
+
+
+def _draw_forecast(axes: Any, scene: Truth, forecast: np.ndarray, color: Any, label: str) -> None:
+    for person, (past, then) in enumerate(zip(scene.observation.xy, forecast, strict=True)):
+        line = np.vstack([past[-1:], then])
+        axes.plot(*line.T, "-", color=color, linewidth=1, label=None if person else label)
 
 
 def _scene_of_turns(truth: Any) -> int:

@@ -116,8 +116,9 @@ class Transfer(Around):
             if not truth.known.all():
                 raise PredictorError(f"{self.name} is tuned on scenes all of whose 20 steps are known: give such.")
         trained_on = card.get("trained_on", ())
-        compares = self.style_weight > 0 and bool({"style", "head"} & set(PARTS[self.parts]))
-        if compares and not trained_on:
+        # The style loss depends on nothing that is tuned where these parts stay as they are.
+        style_weight = self.style_weight if {"style", "head"} & set(PARTS[self.parts]) else 0.0
+        if style_weight and not trained_on:
             raise PredictorError(
                 "The style loss compares the new style with those of training, and the weights of "
                 f"{self.inner.name} do not name the domains that they were trained on: set style_weight=0."
@@ -125,7 +126,7 @@ class Transfer(Around):
         epochs, rate = SCHEDULES[self.parts] if validation is None else PUBLISHED
         epochs, rate = self.epochs or epochs, self.rate or rate
         sources = _windows(tuple(trained_on))
-        program = TransferProgram(weights, scenes, sources, self.parts, epochs, rate, self.style_weight, validation)
+        program = TransferProgram(weights, scenes, sources, self.parts, epochs, rate, style_weight, validation)
         tuned = _trained(program, given, card.get("seeds", list(range(len(weights["prior.dt"])))))
         if validation is not None:
             chosen = "the best epoch on validation scenes of the domain itself"

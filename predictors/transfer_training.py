@@ -52,9 +52,7 @@ class TransferProgram:
         style_weight: float,
         target: Truth | None,
     ):
-        self.begin, self.pairs = weights, Pairs.of(scenes)
-        # It depends on nothing that is tuned where these parts stay as they are.
-        self.style_weight = style_weight if {"style", "head"} & set(PARTS[parts]) and sources else 0.0
+        self.begin, self.pairs, self.style_weight = weights, Pairs.of(scenes), style_weight
         self.sources = [Pairs.of(pick_scenes(source, slice(0, 50 * BATCH))) for source in sources]
         self.target = None if target is None else Pairs.of(target)
         rates = {part: rate for part in PARTS[parts]}
