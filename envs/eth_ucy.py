@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from numbers import Real
 from typing import Any, ClassVar
 
@@ -150,7 +150,13 @@ class EthUcy(RecordedDomain):
         gamma = length if self.curvature == "norm" else length**2
         return (self.alpha or 0.0) * (gamma[..., None] + 1)
 
-    def sources(self, design: str = "paper", by: str = "place") -> list[EthUcy]:  # type: ignore[override]
+    def sources(  # type: ignore[override]
+        self,
+        design: str = "paper",
+        by: str = "place",
+        among: Sequence[str] = PLACES,
+        alphas: Sequence[float] = SOURCE_ALPHAS,
+    ) -> list[EthUcy]:
         """The domains to train on before testing here: all other places.
 
         Args:
@@ -158,20 +164,22 @@ class EthUcy(RecordedDomain):
                 zara1 4, zara2 8); ``"crossed"`` gives every place every one of these alphas. Without sigma both are
                 simply the places.
             by: ``"place"`` leaves out this place; ``"location"`` leaves out all that look at the same ground.
+            among: The places to choose from.
+            alphas: The four alphas, in the order of the places.
         """
         _one_of(self.name, "design", design, ("paper", "crossed"))
         _one_of(self.name, "by", by, ("place", "location"))
         own = LOCATION[self.name]
-        names = [p for p in PLACES if (LOCATION[p] != own if by == "location" else p != self.name)]
+        for place in among:
+            _one_of(self.name, "among", place, PLACES)
+        names = [p for p in among if (LOCATION[p] != own if by == "location" else p != self.name)]
         if self.name == "eth6":
             names = [p for p in names if p != "eth"]
         common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
             return [BY_PLACE[p](**common) for p in names]
         pairs = (
-            [(p, a) for p in names for a in SOURCE_ALPHAS]
-            if design == "crossed"
-            else list(zip(names, SOURCE_ALPHAS, strict=False))
+            [(p, a) for p in names for a in alphas] if design == "crossed" else list(zip(names, alphas, strict=False))
         )
         return [BY_PLACE[p](alpha=a, sigma=self.sigma, **common) for p, a in pairs]
 

@@ -133,6 +133,10 @@ def trainings() -> dict[str, Training]:
     found["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})
     found["style/blind"] = Training("orca:d=0.4,radius=7")
     found |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
+    # For streams: trained where nothing is streamed, and oracles, who know what is to come.
+    found["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
+    found |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}
+    found |= {f"online/orca_{d}": Training("orca:d=0.4", {"styles": (d,)}) for d in (0.3, 0.6)}
     return found
 
 
