@@ -34,8 +34,6 @@ RIGHT, WRONG = "0.6", "0.1"
 
 def schedules(part: Part, results: Sequence[Result]) -> str:
     """Which schedule is best on the style that was left out, for each choice of what is tuned."""
-    from motion_gym.predictors import transfer
-
     values = over_seeds(part, results, "ADE")
     columns = list(part.domains)
     untuned = float(np.mean([values["modular_invariant", column].mean() for column in columns]))
@@ -54,7 +52,8 @@ def schedules(part: Part, results: Sequence[Result]) -> str:
         means = [float(np.mean([values[row, column].mean() for column in columns])) for row in rows]
         best = int(np.argmin(means))
         cells = [f"**{number(m)}**" if place == best else number(m) for place, m in enumerate(means)]
-        taken = transfer.SCHEDULES[parts]
+        tuned: Any = catalog.predictor("transfer", parts=parts)
+        taken = tuned.schedule()
         note = "" if TRIED[best] == taken else f" (`transfer` takes {taken[0]} epochs, {taken[1]:g})"
         lines.append(f"| {parts}{note} | {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -66,14 +65,12 @@ def two_agents(part: Part, path: Path) -> None:
     Forecasts begin in the mean style of training. The scene is the one in the middle by how close its agents come to
     each other in that forecast.
     """
-    from motion_gym.predictors.refine import Refine
-
     right = catalog.domain(part.domains[RIGHT])
     truth = right.windows("test")
     spec = next(iter(part.seeds_of("modular_invariant").values()))
 
     def forecast(style: str, steps: int, scenes: Any) -> np.ndarray:
-        made = Refine(spec, steps=steps)
+        made: Any = catalog.predictor("refine", of=spec, steps=steps)
         made.observe(pick_scenes(catalog.domain(part.domains[style]).reference(), slice(0, REFERENCES)))
         made.inner.reset()
         return ask(made, scenes.observation).most_likely()

@@ -1,6 +1,6 @@
 """What a benchmark leaves besides its runs: tables and figures.
 
-The tables are made from the results. The choice on the sources and the figure of one scene are made anew.
+The tables are made from the results. The choice on the sources and the figures of one scene are made anew.
 """
 
 from __future__ import annotations
@@ -8,7 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from motion_gym import adaptation_report, catalog, figures, seed_tables, source_selection, style_report
+from motion_gym import (
+    adaptation_report,
+    catalog,
+    figures,
+    pretraining_report,
+    seed_tables,
+    source_selection,
+    style_report,
+)
 from motion_gym.benchmarks import PLAIN, SAMPLES, Found, Part
 from motion_gym.contract import Domain
 from motion_gym.storage import write_atomic
@@ -22,20 +30,14 @@ Report = Callable[[int, int, str], None]
 
 def write(name: str, found: Found, folder: Path, report: Report = lambda done, of, what: None) -> list[Path]:
     """Write tables and figures of a benchmark into ``folder``; returns their paths."""
-    if name == "pretraining":
-        from motion_gym import pretraining  # needs PyTorch
-
-        text, paths = pretraining.write(folder, report)
-        write_atomic(folder / "tables.md", (text + "\n").encode())
-        return [folder / "tables.md", *paths]
     texts = [seed_tables.markdown(part, results) for part, results in found]
-    more, written = REPORTS[name](found, folder)
+    more, written = REPORTS[name](found, folder, report)
     path = folder / "tables.md"
     write_atomic(path, ("\n\n".join(texts[:1] + more + texts[1:]) + "\n").encode())
     return [path, *written]
 
 
-def _spurious(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+def _spurious(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
     part, results = found[0]
     texts = [seed_tables.against_published(part, results)]
     texts.append(source_selection.markdown(source_selection.left_out(PLAIN[2:], _first_domain(part))))
@@ -46,11 +48,11 @@ def _spurious(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
     return texts, paths
 
 
-def _original(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+def _original(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
     return [seed_tables.original_beside_published(found)], []
 
 
-def _style(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+def _style(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
     part, results = found[0]
     texts = [style_report.beside_published(found), style_report.claims(found, style_report.CLAIMS)]
     path = folder / "ade.svg"
@@ -60,7 +62,7 @@ def _style(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
     return texts, [path, curves]
 
 
-def _transfer(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+def _transfer(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
     texts = [
         style_report.claims(found, adaptation_report.TRANSFER_CLAIMS, "batches"),
         adaptation_report.schedules(*found[-1]),
@@ -72,7 +74,7 @@ def _transfer(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
     return texts, paths
 
 
-def _refinement(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
+def _refinement(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
     part, results = found[0]
     paths = [folder / "ade.svg", folder / "two_agents.svg"]
     figures.error_over(part, results, "ADE", paths[0], "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
@@ -80,14 +82,27 @@ def _refinement(found: Found, folder: Path) -> tuple[list[str], list[Path]]:
     return [style_report.claims(found, adaptation_report.REFINEMENT_CLAIMS)], paths
 
 
-REPORTS = {
+def _pretraining(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
+    text, paths = pretraining_report.write(folder, report)
+    return [text], paths
+
+
+REPORTS: dict[str, Callable[[Found, Path, Report], tuple[list[str], list[Path]]]] = {
     "spurious": _spurious,
     "original": _original,
     "style": _style,
     "transfer": _transfer,
     "refinement": _refinement,
+    "pretraining": _pretraining,
 }
 """What each benchmark has besides the tables of its parts: further tables, after the first one, and figures."""
+
+
+SHORT: dict[str, Callable[[Found, Path], str]] = {
+    "original": lambda found, folder: seed_tables.original_beside_published(found),
+    "pretraining": lambda found, folder: (folder / "tables.md").read_text().strip(),
+}
+"""The table for a README where it is not that of the first part."""
 
 
 def _first_domain(part: Part) -> Domain:
@@ -96,8 +111,4 @@ def _first_domain(part: Part) -> Domain:
 
 def short(name: str, found: Found, folder: Path) -> str:
     """The table for a README, after ``write``."""
-    if name == "pretraining":
-        return (folder / "tables.md").read_text().strip()
-    if name == "original":
-        return seed_tables.original_beside_published(found)
-    return seed_tables.short(*found[0])
+    return SHORT[name](found, folder) if name in SHORT else seed_tables.short(*found[0])

@@ -179,7 +179,7 @@ def _styles(
 
 REFINED = ("modular", "refine:of=modular")
 TUNED = ("all", "style", "modulator", "last_layer")
-"""What is tuned; see ``predictors.transfer``."""
+"""What `transfer` tunes: every choice that it has."""
 TRIED = tuple((epochs, rate) for rate in (1e-4, 3e-4, 1e-3, 3e-3) for epochs in (10, 30, 100))
 """Epochs and rates to choose from on a style that was left out."""
 
@@ -191,7 +191,7 @@ def _shots(title: str, d: float, batches: Sequence[int], trained: Sequence[str],
 
 
 BENCHMARKS: dict[str, tuple[Part, ...]] = {
-    "pretraining": (),  # nothing to score: see ``pretraining``
+    "pretraining": (),  # nothing to score: see ``pretraining_report``
     "spurious": (
         Part(
             "Spurious shift: trained with alpha 1, 2, 4, 8 at four places, tested on eth",

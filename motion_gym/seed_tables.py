@@ -19,6 +19,7 @@ SCORES = {
     f"k = {SAMPLES}, best sample of each scene": (f"JADE_{SAMPLES}", f"JFDE_{SAMPLES}"),
 }
 """Names of the metrics by what they are."""
+INTERVALS = "intervals of every run are in its file"
 
 
 def row_of(result: Result) -> str:
@@ -71,12 +72,21 @@ def _table(part: Part, results: Sequence[Result], ade: str, fde: str | None = No
 
 def notes(part: Part, results: Sequence[Result]) -> list[str]:
     """What must be said of all cells."""
-    first = results[0]
+    return [f"protocol {part.protocol}; {scored(results)}; {INTERVALS}", *further_notes(part, results)]
+
+
+def scored(results: Sequence[Result]) -> str:
+    """What stands behind the cells, and which agents these are."""
     counted = {
         name: sorted({result["metrics"]["ADE"][name] for result in results})
         for name in ("agent_windows", "agents", "scenes")
     }
     windows, agents, scenes = (f"{c[0]} to {c[-1]}" if len(c) > 1 else str(c[0]) for c in counted.values())
+    return f"means over {windows} agent-windows of {agents} agents in {scenes} scenes; {results[0]['scored']}"
+
+
+def further_notes(part: Part, results: Sequence[Result]) -> list[str]:
+    """What is behind the columns, what leaks, and how weights were selected."""
     given = {name: max([r["shots"] for r in results if part.column_of(r) == name], default=0) for name in part.domains}
     shown = max(result["reference_scenes"] for result in results)
     leaks = dict.fromkeys(leak for result in results for leak in result["leaks"])
@@ -86,8 +96,6 @@ def notes(part: Part, results: Sequence[Result]) -> list[str]:
         if row_of(result) not in rows:
             rows.append(row_of(result))
     return [
-        f"protocol {first['protocol']}; means over {windows} agent-windows of {agents} agents in {scenes} scenes; "
-        f"{first['scored']}; intervals of every run are in its file",
         *(f"{name}: mean of {', '.join(columns)}, each counting the same" for name, columns in part.pooled.items()),
         *([f"those with a style read it from {shown} reference scenes"] if shown else []),
         *(
@@ -150,8 +158,10 @@ def original_beside_published(found: Sequence[tuple[Part, Sequence[Result]]]) ->
         theirs = published.ORIGINAL.get(row)
         paper = "-" if theirs is None else f"{number(theirs[0])} / {number(theirs[1])}"
         lines.append(f"| `{row}` | {' | '.join(cells)} | {paper} |")
-    every = dict.fromkeys(note for part, results in found for note in notes(part, results))
-    return "\n".join([*lines, "", *(f"- {note}." for note in every)])
+    notes = [f"protocol {found[0][0].protocol}; {INTERVALS}"]
+    notes += [f"{place}: {scored(results)}" for place, (_, results) in zip(places, found, strict=True)]
+    notes += dict.fromkeys(note for part, results in found for note in further_notes(part, results))
+    return "\n".join([*lines, "", *(f"- {note}." for note in notes)])
 
 
 def spread(values: np.ndarray) -> str:

@@ -87,6 +87,11 @@ class Transfer(Around):
         """How the weights were selected, and tuned."""
         return super().selection + self.how
 
+    def schedule(self, published: bool = False) -> tuple[int, float]:
+        """Epochs and rate: those that were asked for, else those of ``SCHEDULES``, or the published ones."""
+        epochs, rate = PUBLISHED if published else SCHEDULES[self.parts]
+        return self.epochs or epochs, self.rate or rate
+
     def tune(self, scenes: Truth, validation: Truth | None = None) -> None:
         """Tune the weights, of all seeds at once.
 
@@ -123,8 +128,7 @@ class Transfer(Around):
                 "The style loss compares the new style with those of training, and the weights of "
                 f"{self.inner.name} do not name the domains that they were trained on: set style_weight=0."
             )
-        epochs, rate = SCHEDULES[self.parts] if validation is None else PUBLISHED
-        epochs, rate = self.epochs or epochs, self.rate or rate
+        epochs, rate = self.schedule(published=validation is not None)
         sources = _windows(tuple(trained_on))
         program = TransferProgram(weights, scenes, sources, self.parts, epochs, rate, style_weight, validation)
         tuned = _trained(program, given, card.get("seeds", list(range(len(weights["prior.dt"])))))

@@ -5,9 +5,10 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from motion_gym import adaptation_report, benchmark_report, benchmarks, pretraining, seed_tables
+from motion_gym import adaptation_report, benchmark_report, benchmarks, pretraining_report, seed_tables
 from motion_gym.benchmarks import BENCHMARKS, TRIED, TUNED, Part, Training
-from motion_gym.predictors import transfer
+from motion_gym.predictors import pretraining, transfer
+from motion_gym.predictors.transfer_training import PARTS
 
 CROWD = "orca:d=0.6,scenes=200"
 SHOTS = Part(
@@ -57,6 +58,10 @@ def test_the_best_schedule_is_marked_and_another_default_is_named(monkeypatch):
     assert lines[7].startswith(f"| style (`transfer` takes {epochs} epochs, {rate:g}) | .200 | **.120** |")
 
 
+def test_everything_that_can_be_tuned_is_in_the_tables():
+    assert set(TUNED) == set(PARTS)
+
+
 def test_two_agents_are_drawn_the_same_each_time(tmp_path):
     part = Part("x", {"0.6": CROWD, "0.1": "orca:d=0.1,scenes=200"}, (), ("refine",), "style")
     texts = []
@@ -72,12 +77,13 @@ def test_pretraining_is_watched_and_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(benchmarks, "training", lambda name: small)
     monkeypatch.setattr(pretraining, "WATCHED", ("orca:d=0.1,scenes=200", "orca:d=0.7,scenes=200"))
     monkeypatch.setattr(pretraining, "VARIANTS", {"pre-trained": (1, 1, 1, 3), "not pre-trained": (1, 0, 1, 3)})
-    monkeypatch.setattr(pretraining, "EPOCHS", (1, 3))
+    monkeypatch.setattr(pretraining_report, "EPOCHS", (1, 3))
     seen = []
     written = benchmark_report.write("pretraining", [], tmp_path, lambda *where: seen.append(where))
     assert {path.name for path in written} == {"tables.md", "orca_0.1.svg", "orca_0.7.svg"}
     assert seen[-1] == (11, 11, "not pre-trained: forecast in style")
     found = pretraining.curves(tmp_path, lambda *_: pytest.fail("trained again"))
-    assert {name: values.shape for name, values in found.items()} == dict.fromkeys(pretraining.VARIANTS, (3, 2, 5))
+    shapes = {domain: {name: values.shape for name, values in table.items()} for domain, table in found.items()}
+    assert shapes == dict.fromkeys(pretraining.WATCHED, dict.fromkeys(pretraining.VARIANTS, (3, 5)))
     text = benchmark_report.short("pretraining", [], tmp_path)
     assert "| not pre-trained |" in text and "| p |" in text

@@ -1,8 +1,10 @@
 """Names, specs and objects: what becomes an instance, and what is said to whom misspelt one."""
 
+import ast
 import keyword
 import math
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import assume, example, given, settings
@@ -211,3 +213,13 @@ def test_what_has_not_the_methods(thing, make):
 def test_values_that_are_not_finite_are_text():
     assert catalog.parse_spec("x:k=inf") == ("x", {"k": "inf"})
     assert not math.isfinite(float(catalog.parse_spec("x:k=inf")[1]["k"]))
+
+
+@pytest.mark.parametrize("path", sorted(Path(catalog.__file__).parent.glob("*.py")), ids=lambda path: path.stem)
+def test_domains_and_predictors_are_named_and_never_imported(path):
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    imported = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            imported += [f"{node.module}.{alias.name}" for alias in node.names]
+    assert not [name for name in imported if name.startswith(("motion_gym.envs", "motion_gym.predictors"))]
