@@ -41,23 +41,61 @@ PREDICTORS = {
         "motion_gym.predictors.constant_velocity:ConstantVelocity", "walks on at the last, or mean, velocity"
     ),
     "stand_still": Entry("motion_gym.predictors.stand_still:StandStill", "stays at the last position"),
-    "linear": Entry("motion_gym.predictors.linear:Linear", "ridge regression in the heading frame"),
-    "erm": Entry("motion_gym.predictors.stgat:Erm", "STGAT, the plain sum of all errors (given sigma)"),
-    "erm_no_sigma": Entry("motion_gym.predictors.stgat:ErmNoSigma", "STGAT, never given sigma"),
-    "counterfactual": Entry("motion_gym.predictors.stgat:Counterfactual", "STGAT with the counterfactual decoder"),
-    "invariant": Entry("motion_gym.predictors.stgat:Invariant", "STGAT, a penalty on each environment's slope (IRMv1)"),
-    "vrex": Entry("motion_gym.predictors.stgat:VRex", "STGAT, a penalty on how much risks differ (V-REx)"),
-    "group_dro": Entry("motion_gym.predictors.stgat:GroupDro", "STGAT, for its worst environment (group DRO)"),
-    "style_erm": Entry("motion_gym.predictors.modular:StyleErm", "two-agent network of the paper, without style"),
-    "style_invariant": Entry("motion_gym.predictors.modular:StyleInvariant", "style_erm trained with IRMv1"),
-    "modular": Entry("motion_gym.predictors.modular:Modular", "style_erm that reads a style from scenes"),
-    "modular_invariant": Entry("motion_gym.predictors.modular:ModularInvariant", "modular, its encoder by IRMv1"),
-    "modular_stgat": Entry("motion_gym.predictors.modular_stgat:ModularStgat", "STGAT that reads a style, any agents"),
-    "transfer": Entry("motion_gym.predictors.transfer:Transfer", "around modular: tuned on a few scenes of a style"),
-    "refine": Entry("motion_gym.predictors.refine:Refine", "around modular: refines each forecast towards the style"),
-    "ego_erm": Entry("motion_gym.predictors.ego:EgoErm", "network in each agent's own frame, any neighbours, no style"),
-    "ego_modular": Entry("motion_gym.predictors.ego:EgoModular", "ego_erm with a style, the distance that agents keep"),
-    "orca_oracle": Entry("motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA"),
+    "linear": Entry(
+        "motion_gym.predictors.linear:Linear", "ridge regression in the heading frame; with sigma=true it needs sigma"
+    ),
+    "erm": Entry("motion_gym.predictors.stgat:Erm", "STGAT, the plain sum of all errors; needs PyTorch and sigma"),
+    "erm_no_sigma": Entry("motion_gym.predictors.stgat:ErmNoSigma", "STGAT, never given sigma; needs PyTorch"),
+    "counterfactual": Entry(
+        "motion_gym.predictors.stgat:Counterfactual", "STGAT with the counterfactual decoder; needs PyTorch and sigma"
+    ),
+    "invariant": Entry(
+        "motion_gym.predictors.stgat:Invariant",
+        "STGAT, a penalty on each environment's slope (IRMv1); needs PyTorch and sigma",
+    ),
+    "vrex": Entry(
+        "motion_gym.predictors.stgat:VRex", "STGAT, a penalty on how much risks differ (V-REx); needs PyTorch and sigma"
+    ),
+    "group_dro": Entry(
+        "motion_gym.predictors.stgat:GroupDro", "STGAT, for its worst environment (group DRO); needs PyTorch and sigma"
+    ),
+    "style_erm": Entry(
+        "motion_gym.predictors.modular:StyleErm",
+        "two-agent network of the paper, without style; needs PyTorch and scenes of two agents",
+    ),
+    "style_invariant": Entry(
+        "motion_gym.predictors.modular:StyleInvariant",
+        "style_erm trained with IRMv1; needs PyTorch and scenes of two agents",
+    ),
+    "modular": Entry(
+        "motion_gym.predictors.modular:Modular",
+        "style_erm that reads a style from scenes; needs PyTorch and scenes of two agents",
+    ),
+    "modular_invariant": Entry(
+        "motion_gym.predictors.modular:ModularInvariant",
+        "modular, its encoder by IRMv1; needs PyTorch and scenes of two agents",
+    ),
+    "modular_stgat": Entry(
+        "motion_gym.predictors.modular_stgat:ModularStgat",
+        "STGAT that reads a style, any number of agents; needs PyTorch",
+    ),
+    "transfer": Entry(
+        "motion_gym.predictors.transfer:Transfer",
+        "around modular: tuned on a few scenes of a style; needs PyTorch and scenes of two agents",
+    ),
+    "refine": Entry(
+        "motion_gym.predictors.refine:Refine",
+        "around modular: refines each forecast towards the style; needs what that one needs",
+    ),
+    "ego_erm": Entry(
+        "motion_gym.predictors.ego:EgoErm", "network in each agent's own frame, any neighbours, no style; needs PyTorch"
+    ),
+    "ego_modular": Entry(
+        "motion_gym.predictors.ego:EgoModular", "ego_erm with a style, the distance that agents keep; needs PyTorch"
+    ),
+    "orca_oracle": Entry(
+        "motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA; needs whole scenes of orca"
+    ),
 }
 
 
