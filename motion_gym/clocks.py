@@ -152,13 +152,13 @@ class StreamClock:
 
     Args:
         recordings: Replayed one after another.
-        features: Gives the history of each agent (a domain's ``history``).
+        features: Gives the history of each agent (a domain's ``history``): one for all recordings, or one for each.
 
     Raises:
         DataError: the recordings have different time steps.
     """
 
-    def __init__(self, recordings: Sequence[Recording], features: Features = positions_only):
+    def __init__(self, recordings: Sequence[Recording], features: Features | Sequence[Features] = positions_only):
         parts = [Tracks.of(recording) for recording in recordings] or [Tracks.of(_NOBODY)]
         if len(steps := {p.dt for p in parts}) > 1:
             raise DataError(f"Recordings of one stream have the same step, but these have dt {sorted(steps)} seconds.")
@@ -177,7 +177,8 @@ class StreamClock:
             int(ticks[-1]),
             self.dt,
         )
-        self.features = features
+        self._features = [features] * len(parts) if callable(features) else list(features)
+        self._ends = ticks[1:]
         observable = np.flatnonzero(self.tracks.age >= HISTORY - 1)
         observable = observable[np.argsort(self.tracks.tick[observable], kind="stable")]
         self._times, start = np.unique(self.tracks.tick[observable], return_index=True)
@@ -242,6 +243,23 @@ class StreamClock:
         """Stored forecasts that are not settled, the ids of their agents and the times they were made."""
         return self._forecast, self._identity[self._row], self.tracks.tick[self._row]
 
+    @property
+    def times(self) -> np.ndarray:
+        """[T] the times at which somebody is observed."""
+        return self._times
+
+    def truth_at(self, at: int) -> Truth:
+        """The scene observed at ``times[at]`` with all of its future; agents have their ids.
+
+        For a harness that keeps forecasts by itself. Only ``observation`` of it has happened by then.
+        """
+        rows = self._rows[at]
+        return self._truth(rows, np.array([0, len(rows)]))
+
+    def persons_at(self, at: int) -> np.ndarray:
+        """[A] whom the agents observed at ``times[at]`` are, see ``Settled``."""
+        return self.tracks.agent[self._rows[at]]
+
     def latest_paths(self) -> np.ndarray:
         """[A, K, 13, 2], the most recent outstanding forecasts, each from the position it started at."""
         _, _, made = self.outstanding
@@ -254,16 +272,21 @@ class StreamClock:
         rows = self._rows[self._at] if self._at < len(self._rows) else np.zeros(0, np.int64)
         identity = self._identity[rows]
         scene = np.array([0, len(rows)] if len(rows) else [0])
-        return Step(self.tracks.truth(rows, scene, identity, self.features).observation, identity, reward, settled)
+        return Step(self._truth(rows, scene).observation, identity, reward, settled)
 
     def _settle(self, rows: np.ndarray, forecast: Forecast) -> Settled:
         made = self.tracks.tick[rows]
         order = np.lexsort((rows, made))
         rows, made = rows[order], made[order]
         scene = np.concatenate([np.flatnonzero(np.diff(made, prepend=-1)), [len(made)]])
-        identity = self._identity[rows]
-        truth = self.tracks.truth(rows, scene, identity, self.features)
-        return Settled(forecast.take(order), truth, identity, self.tracks.agent[rows], made)
+        truth = self._truth(rows, scene)
+        return Settled(forecast.take(order), truth, truth.observation.agent, self.tracks.agent[rows], made)
+
+    def _truth(self, rows: np.ndarray, scene: np.ndarray) -> Truth:
+        """Observation and truth of rows, which are all of one recording: who leaves it is settled before the next."""
+        recording = np.searchsorted(self._ends, self.tracks.tick[rows[:1]], side="right")
+        features = self._features[recording[0] if len(recording) else 0]
+        return self.tracks.truth(rows, scene, self._identity[rows], features)
 
 
 class Ledger:

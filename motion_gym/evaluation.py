@@ -223,13 +223,13 @@ def evaluate(
         horizon=np.nanmean(error_by_horizon(forecast, truth), axis=0).tolist(),
         versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
         oracle=hasattr(made, "know"),
-        leaks=_leaks(card, leaking, selected, getattr(made, "trained_on", ()), type(place)),
+        leaks=declared_leaks(card, leaking, selected, getattr(made, "trained_on", ()), type(place)),
         scored=_scored(truth),
         selection=getattr(made, "selection", UNSTATED),
         reference_scenes=shown,
         shots=learned,
         seconds=seconds,
-        peak_memory=_peak_memory(),
+        peak_memory=peak_memory(),
         values=values,
         truth=truth,
     )
@@ -348,7 +348,10 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
     return Forecast.join(parts)
 
 
-def _leaks(card: Card, leaking: bool, selected: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
+def declared_leaks(
+    card: Card, leaking: bool, selected: bool, trained_on: Sequence[str], kind: type
+) -> tuple[str, ...]:
+    """What reads the future on purpose, as sentences."""
     leaks = []
     if card.name in (catalog.parse_spec(spec)[0] for spec in trained_on) and getattr(kind, "tests_on_train", False):
         leaks.append(f"the weights were trained on windows of {card.name} that are scored here")
@@ -378,7 +381,8 @@ def _shared_agents(a: Truth, b: Truth) -> int:
     return len(set(steps(a)) & set(steps(b)))
 
 
-def _peak_memory() -> int:
+def peak_memory() -> int:
+    """Bytes, of the whole process so far."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak if sys.platform == "darwin" else peak * 1024)
 
