@@ -136,7 +136,7 @@ def trainings() -> dict[str, Training]:
     # For streams: trained where nothing is streamed, and oracles, who know what is to come.
     found["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
     found |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}
-    found |= {f"online/orca_{d}": Training("orca:d=0.4", {"styles": (d,)}) for d in (0.3, 0.6)}
+    found["online/orca"] = Training("orca:d=0.4", {"styles": (0.3, 0.6)})
     return found
 
 

@@ -167,7 +167,7 @@ def trailing(values: np.ndarray, width: int = TRAIL) -> np.ndarray:
 def curve_of(values: np.ndarray, seconds: np.ndarray) -> list[tuple[float, float]]:
     """The trailing mean over time, at most ``POINTS`` points of it, from the tenth forecast on."""
     mean = trailing(values)
-    chosen = np.unique(np.linspace(min(EVERY, len(mean)) - 1, len(mean) - 1, POINTS).astype(int)) if len(mean) else []
+    chosen = np.unique(np.linspace(min(EVERY, len(mean)) - 1, len(mean) - 1, POINTS).astype(int))
     return [(round(float(seconds[i]), 2), round(float(mean[i]), 4)) for i in chosen]
 
 

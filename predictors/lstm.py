@@ -75,12 +75,24 @@ def rolled_out(h: Tensor, first: Tensor, weight: Tensor, out: Tensor, bias: Tens
     each = 2 if twins else 1
     if kernels.serve(h):
         return RolledOut.apply(h, first, weight, out, bias, steps, each)
-    c, fed, outputs = torch.zeros_like(h), first, []
+    return torch.baddbmm(
+        bias.repeat(steps, 1)[:, None],
+        rolled_states(h, first, weight, out, bias, steps, twins).flatten(0, 1),
+        out.repeat(steps, 1, 1),
+    ).unflatten(0, (steps, -1))
+
+
+def rolled_states(
+    h: Tensor, first: Tensor, weight: Tensor, out: Tensor, bias: Tensor, steps: int, twins: bool
+) -> Tensor:
+    """What the outputs of ``rolled_out`` are a linear map of: hidden states [T, M, A, H], less those of the twins."""
+    each = 2 if twins else 1
+    c, fed, states = torch.zeros_like(h), first, []
     for _ in range(steps):
         h, c = _step(h, c, fed.repeat_interleave(each, dim=1), weight)
-        fed = torch.baddbmm(bias[:, None], h[:, 0::2] - h[:, 1::2] if twins else h, out)
-        outputs.append(fed)
-    return torch.stack(outputs)
+        states.append(h[:, 0::2] - h[:, 1::2] if twins else h)
+        fed = torch.baddbmm(bias[:, None], states[-1], out)
+    return torch.stack(states)
 
 
 def _step(h: Tensor, c: Tensor, x: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
