@@ -15,7 +15,7 @@ from motion_gym.published import ALPHAS
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
 SAMPLES = 20
-"""k of every run: the first sample gives the scores for k = 1, all of them those for k = 20."""
+"""k of most runs: the first sample gives the scores for k = 1, all of them those for k = 20."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class Part:
         references: Reference scenes that a predictor with a style is shown; None for all.
         pooled: Further columns, each the mean of some columns.
         shots: Scenes that are given to learn from, by column; none where it is not named.
+        samples: k of every run.
     """
 
     title: str
@@ -73,6 +74,7 @@ class Part:
     references: int | None = None
     pooled: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     shots: Mapping[str, int] = field(default_factory=dict)
+    samples: int = SAMPLES
 
     def runs(self) -> Iterator[tuple[str, str]]:
         """Predictor and column of every run."""
@@ -259,6 +261,15 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             ("constant_velocity", "linear", "orca_oracle"),
             references=REFERENCES,
         ),
+        _styles(
+            "Crowds of ten agents on the circle",
+            ("erm_no_sigma", "modular_stgat"),
+            "style/crowd",
+            ",agents=10,scenes=1000",
+            ("constant_velocity", "linear"),
+            references=REFERENCES,
+            samples=1,
+        ),
     ),
     "refinement": (
         _styles(
@@ -294,7 +305,7 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             "The same by the published protocol",
             0.6,
             range(7),
-            ("modular_invariant", "refine", *(f"transfer:parts={parts}" for parts in ("all", "style", "modulator"))),
+            ("modular_invariant", "refine", *(f"transfer:parts={parts}" for parts in TUNED), "refine:of=transfer"),
             "style",
             protocol="paper",
         ),
@@ -341,7 +352,7 @@ def run(name: str, folder: Path, report: Callable[[int, int, str], None] = lambd
                     predictor,
                     place,
                     folder,
-                    k=SAMPLES,
+                    k=part.samples,
                     protocol=part.protocol,
                     references=part.references,
                     shots=part.shots.get(column, 0),
@@ -367,7 +378,7 @@ def read(name: str, folder: Path) -> Found:
                 results.domain_key(catalog.domain(part.domains[column])),
                 "test",
                 part.protocol,
-                SAMPLES,
+                part.samples,
                 0,
                 part.references,
                 part.shots.get(column, 0),

@@ -36,7 +36,7 @@ def small(eth_ucy, tmp_path_factory):
 @pytest.mark.parametrize("name", benchmarks.trainings())
 def test_every_training_has_data(eth_ucy, name):
     train, validation = benchmarks.training(name).data()
-    assert len(train) == len(validation) >= 1
+    assert len(train) == len(validation) >= 2
     assert all(len(truth.future) for truth in train)
     if name == "spurious/crossed":
         assert len(train) == 16
@@ -86,6 +86,14 @@ def test_every_seed_is_scored_once_and_found_again(small):
             DataError, match=r"has no result of erm:weights=spurious,seed=\d on eth:alpha=.*motion-gym run small"
         ):
             benchmarks.read("small", folder)
+
+
+def test_a_part_may_have_a_k_of_its_own(tmp_path, monkeypatch):
+    part = Part("x", {"0.3": "orca:d=0.3,scenes=40"}, ("constant_velocity",), samples=1)
+    monkeypatch.setitem(BENCHMARKS, "small", (part,))
+    ((_, results),) = benchmarks.run("small", tmp_path)
+    assert [result["k"] for result in results] == [1]
+    assert benchmarks.read("small", tmp_path) == [(part, results)]
 
 
 def test_tables_hold_means_and_standard_errors(small):

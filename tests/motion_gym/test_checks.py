@@ -5,11 +5,8 @@ import pytest
 from motion_gym import catalog, checks
 from motion_gym.contract import DataError, PredictorError, SpecError
 
-SHIPPED = [name for name in catalog.PREDICTORS if name != "modular_stgat"]
-"""Predictors that need no weights, or have some."""
 
-
-@pytest.mark.parametrize("spec", [*SHIPPED, "linear:sigma=true", "constant_velocity:velocity=mean"])
+@pytest.mark.parametrize("spec", [*catalog.PREDICTORS, "linear:sigma=true", "constant_velocity:velocity=mean"])
 def test_predictors_that_ship_are_accepted(spec):
     checks.check_predictor(spec)
 

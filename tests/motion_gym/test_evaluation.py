@@ -61,12 +61,8 @@ class Counts:
         return np.repeat(observation.xy[:, None, -1:], 12, axis=2)
 
 
-SHIPPED = [name for name in PREDICTORS if name != "modular_stgat"]
-"""Predictors that need no weights, or have some."""
-
-
 @pytest.mark.parametrize(
-    ("name", "k"), [("noisy", 1), ("linear", 1), *((name, 3) for name in (*SHIPPED, "noisy", "weighted"))]
+    ("name", "k"), [("noisy", 1), ("linear", 1), *((name, 3) for name in (*PREDICTORS, "noisy", "weighted"))]
 )
 def test_stepping_the_environment_gives_the_same_scores(name, k):
     made = {"noisy": Noisy, "weighted": Weighted}.get(name, name)

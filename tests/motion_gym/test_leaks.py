@@ -19,8 +19,6 @@ from tests.crowd_with_sigma import CrowdWithSigma
 
 SMALL = {"orca": {"scenes": 40}}
 ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
-UNPROBED = [*ORACLES, "modular_stgat"]
-"""Oracles leak on purpose, and the other has no shipped weights."""
 clocks = pytest.mark.parametrize("clock", CLOCKS)
 
 
@@ -77,7 +75,7 @@ def test_no_domain_leaks(domain, clock, data):
 
 
 @clocks
-@pytest.mark.parametrize("predictor", [name for name in catalog.PREDICTORS if name not in UNPROBED])
+@pytest.mark.parametrize("predictor", [name for name in catalog.PREDICTORS if name not in ORACLES])
 def test_no_predictor_leaks(predictor, clock):
     report = leak_probe(CrowdWithSigma(scenes=40 if clock == "windows" else 12), predictor, clock=clock)
     assert_nothing_leaks(report)
