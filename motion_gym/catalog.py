@@ -98,6 +98,17 @@ PREDICTORS = {
     ),
 }
 
+ADAPTERS = {
+    "none": Entry("motion_gym.predictors.adapter:Unadapted", "the source model, which never learns"),
+    "style": Entry("motion_gym.predictors.adapter:Style", "reads the style from the last scenes (needs a style)"),
+    "refine": PREDICTORS["refine"],
+    "finetune": Entry("motion_gym.predictors.finetune:Finetune", "gradient steps on new and remembered scenes"),
+    "ema_anchor": Entry("motion_gym.predictors.finetune:EmaAnchor", "finetune, pulled back to the trained weights"),
+    "kalman": Entry("motion_gym.predictors.kalman:Kalman", "recursive Bayesian last layer, in closed form"),
+    "ekf": Entry("motion_gym.predictors.ekf:Ekf", "extended Kalman filter on a few weights"),
+}
+"""Predictors around another one, that learn from revealed truth."""
+
 
 def suggest(name: str, allowed: Iterable[str]) -> str:
     """Sentence for an unknown name: what was probably meant, and what is allowed."""
@@ -169,7 +180,23 @@ def predictor(spec: str | Predictor, **parameters: Any) -> Predictor:
     Raises:
         SpecError: the name or a parameter is not known, or a value is not allowed.
     """
-    return _make(spec, parameters, PREDICTORS, "predictor", ("predict",))
+    return _make(spec, parameters, {**PREDICTORS, **ADAPTERS}, "predictor", ("predict",))
+
+
+def adapter(spec: str | type, of: str | Predictor, **parameters: Any) -> Predictor:
+    """Put an adapter around a predictor.
+
+    Args:
+        spec: A name, a spec, ``"module:Class"`` or a class of adapters, whose constructor takes ``of``.
+        of: A name, a spec or a predictor; a copy of it is adapted.
+        **parameters: Of the adapter; they win over those in the spec.
+
+    Raises:
+        SpecError: a name or a parameter is not known, or a value is not allowed.
+        PredictorError: the predictor is not such as the adapter needs.
+    """
+    around = {**parameters, "of": predictor(of)}
+    return _make(spec, around, ADAPTERS, "adapter", ("predict", "observe", "reset"))
 
 
 def load_class(target: str, kind: str = "object") -> type:
@@ -227,7 +254,7 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
     elif name in table:
         factory = load_class(table[name].target, kind)
     else:
-        other = {"domain": PREDICTORS, "predictor": DOMAINS}[kind]
+        other = PREDICTORS if kind == "domain" else DOMAINS
         hint = f" (It is a {'predictor' if kind == 'domain' else 'domain'}.)" if name in other else suggest(name, table)
         raise SpecError(f"There is no {kind} `{name}`.{hint} Your own: `module:Class`.")
     arguments = {**written, **parameters}

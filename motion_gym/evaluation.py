@@ -29,7 +29,7 @@ from motion_gym.contract import (
 )
 from motion_gym.dicts import forecast_to_dict, observation_from_dict
 from motion_gym.domains import spec_of
-from motion_gym.harness import ask, name_of, ready, tell, tune, windows_of_domain
+from motion_gym.harness import ask, name_of, ready, selection_of, tell, tune, windows_of_domain
 from motion_gym.metrics import error_by_horizon, metric_rows, score
 from motion_gym.pettingzoo_env import ForecastEnv
 from motion_gym.windows import counts, pick_scenes
@@ -42,7 +42,6 @@ PAPER_BATCH = 64
 """Scenes of a test batch of the released program, whose own future the ``paper`` protocol reads the style from."""
 PROBED_SCENES = 32
 BASELINE = "constant_velocity"
-UNSTATED = "does not say how its weights were selected (attribute `selection`)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +224,7 @@ def evaluate(
         oracle=hasattr(made, "know"),
         leaks=declared_leaks(card, leaking, selected, getattr(made, "trained_on", ()), type(place)),
         scored=_scored(truth),
-        selection=getattr(made, "selection", UNSTATED),
+        selection=selection_of(made),
         reference_scenes=shown,
         shots=learned,
         seconds=seconds,
@@ -348,9 +347,7 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
     return Forecast.join(parts)
 
 
-def declared_leaks(
-    card: Card, leaking: bool, selected: bool, trained_on: Sequence[str], kind: type
-) -> tuple[str, ...]:
+def declared_leaks(card: Card, leaking: bool, selected: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
     """What reads the future on purpose, as sentences."""
     leaks = []
     if card.name in (catalog.parse_spec(spec)[0] for spec in trained_on) and getattr(kind, "tests_on_train", False):

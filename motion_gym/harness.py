@@ -42,6 +42,11 @@ def name_of(predictor: Any) -> str:
     return type(predictor).__name__ + (f"({', '.join(settings)})" if settings else "")
 
 
+def selection_of(predictor: Any) -> str:
+    """How the weights of a predictor were selected, as it says itself."""
+    return str(getattr(predictor, "selection", "does not say how its weights were selected (attribute `selection`)"))
+
+
 def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predictor:
     """Make a predictor ready for a domain.
 

@@ -230,5 +230,5 @@ def after_first(result: Mapping[str, Any]) -> float:
 
 
 def gain(none: float, adapted: float, oracle: float) -> float:
-    """(none - adapted) / (none - oracle): 0 without adaptation, 1 if as good as the oracle; NaN if that is no better."""
+    """(none - adapted) / (none - oracle): 0 without adaptation, 1 if like the oracle; NaN if that is no better."""
     return (none - adapted) / (none - oracle) if none > oracle else float("nan")

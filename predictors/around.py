@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from motion_gym import catalog
 from motion_gym.contract import Forecast, Observation, SpecError, Truth
+from motion_gym.harness import name_of, selection_of
 
 
 class Around:
@@ -38,28 +39,28 @@ class Around:
     def name(self) -> str:
         """What is done to which predictor; a name for people where that one has settings of its own."""
         defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
-        set_to = {"of": self.inner.name, **{k: getattr(self, k) for k in self.settings}}
+        set_to = {"of": name_of(self.inner), **{k: getattr(self, k) for k in self.settings}}
         return catalog.format_spec(self.kind, {k: v for k, v in set_to.items() if v != defaults[k]})
 
     @property
     def weights_name(self) -> str:
         """Row of a table whose weights are used."""
-        return str(getattr(self.inner, "weights_name", self.inner.name))
+        return str(getattr(self.inner, "weights_name", name_of(self.inner)))
 
     @property
     def fingerprint(self) -> str:
         """sha256 of the weights."""
-        return str(self.inner.fingerprint)
+        return str(getattr(self.inner, "fingerprint", ""))
 
     @property
     def trained_on(self) -> tuple[str, ...]:
         """Names of the domains whose windows the weights were trained on."""
-        return tuple(self.inner.trained_on)
+        return tuple(getattr(self.inner, "trained_on", ()))
 
     @property
     def selection(self) -> str:
         """How the weights were selected."""
-        return str(self.inner.selection)
+        return selection_of(self.inner)
 
     def observe(self, truth: Truth) -> None:
         """Read the style from scenes whose 20 steps are all known."""

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
 from motion_gym.predictors.sigma import check_sigma, relative_to_scene
+
+if TYPE_CHECKING:
+    from motion_gym.predictors.adapting import LastLayer
 
 
 class Linear:
@@ -72,6 +76,27 @@ class Linear:
         offset = np.einsum("ai,ij->aj", inputs, self.weight).reshape(-1, FUTURE, 2)
         positions = observation.xy[:, -1:] + offset @ turn.transpose(0, 2, 1)
         return Forecast(positions[:, None].astype(np.float32))
+
+    def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
+        """All of it: of each agent, to its offsets in the frame of its heading; see ``adapting.LastLayer``.
+
+        Raises:
+            PredictorError: not fitted, or sigma is asked for and the observation has none.
+        """
+        from motion_gym.predictors.adapting import LastLayer  # needs PyTorch, which this predictor does without
+
+        if self.weight is None:
+            raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")
+        inputs, turn = self._inputs(observation)
+        last = observation.xy[:, -1:].astype(np.float64)
+        return LastLayer(
+            inputs,
+            self.weight,
+            lambda outputs: last + outputs.reshape(-1, FUTURE, 2) @ turn.transpose(0, 2, 1),
+            lambda future: ((future - last) @ turn).reshape(-1, 2 * FUTURE),
+            lambda known: np.asarray(known.all(axis=1)),
+            lambda values: np.repeat(values, FUTURE).reshape(-1, FUTURE),
+        )
 
     def _inputs(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Rows [A, 15 or 23] and the matrices [A, 2, 2] that turn world row vectors into the heading frame."""

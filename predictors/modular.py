@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors import pair_network
+from motion_gym.predictors.adapting import LastLayer
 from motion_gym.predictors.objectives import Erm, Irm, Objective
 from motion_gym.predictors.pair_network import AGENTS, CODE, Pairs
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.style_training import PLAIN, Schedule, StyleProgram
+from motion_gym.predictors.transfer_training import PARTS
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
 
 
@@ -34,6 +37,11 @@ class StyleErm(Weighted):
     """Of the stages, as in the released program."""
     expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)
     """Shape of every weight."""
+    parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "all": ("encoder", "decoder"),
+        "last_layer": PARTS["last_layer"],
+    }
+    """What can be tuned: names, or beginnings of names, of weights; see ``adapting.Tunable``."""
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
@@ -85,8 +93,27 @@ class StyleErm(Weighted):
             moves = pair_network.forecast(pair_network.exact(observation).flatten(1), self._codes(weights), weights)
         return pair_network.walked(observation, moves)
 
-    def _codes(self, weights: Weights) -> Tensor | None:
-        """Style code [1, 1, 8] to forecast with."""
+    def offsets(self, observation: Observation, weights: Weights, seed: int = 0, shown: Truth | None = None) -> Tensor:
+        """Offsets [M, A, 12, 2] from the last position, metres, by weights [M, ...]; see ``adapting.Tunable``."""
+        history = torch.tensor(pair_network.paired(observation), dtype=torch.float32).flatten(1)
+        moves = pair_network.forecast(history, self._codes(weights, shown), weights)
+        return moves.view(len(moves), -1, FUTURE, 2).cumsum(dim=2)
+
+    def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
+        """The last layer: of each scene, to the displacements of both agents; see ``adapting.LastLayer``."""
+        weights = self._exact()
+        with torch.no_grad():
+            history = pair_network.exact(observation).flatten(1)
+            codes = self._codes(weights)
+            latent = pair_network.encode(history, weights)
+            if codes is not None:
+                latent = pair_network.modulate(latent, codes, weights, 1)
+            inputs = pair_network.before_last(latent, codes, weights)[0].numpy()
+        weight = np.concatenate([weights["decoder.weight4"][0].numpy(), weights["decoder.bias4"].numpy()])
+        return LastLayer.of_moves(observation, inputs, weight, AGENTS * FUTURE)
+
+    def _codes(self, weights: Weights, shown: Truth | None = None) -> Tensor | None:
+        """Style code [1, 1, 8] to forecast with: as observed, or [M, 1, 8] of scenes that are shown."""
         return None
 
     def _exact(self) -> Weights:
@@ -124,10 +151,14 @@ class Modular(StyleMemory, StyleErm):
         "prior.code": (CODE,),
         "prior.dt": (1,),
     }
+    # The projection head is of no account to a forecast.
+    parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        name: tuple(part for part in chosen if part != "head") for name, chosen in PARTS.items()
+    }
 
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
-        """Style codes [S, 8]; PredictorError if a scene has not two agents."""
-        return pair_network.code(Pairs.of(truth).path, weights)[0]
+        """Style codes [M, S, 8]; PredictorError if a scene has not two agents."""
+        return pair_network.code(Pairs.of(truth).path, weights)
 
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, S, 16] of each scene after the first modulation."""

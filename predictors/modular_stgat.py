@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -17,7 +18,7 @@ from motion_gym.predictors.modular_stgat_training import StyledStgatProgram
 from motion_gym.predictors.neighbour_pairs import NeighbourPairs, whole_paths
 from motion_gym.predictors.pair_network import CODE
 from motion_gym.predictors.stgat_network import Draws
-from motion_gym.predictors.stgat_predictor import Stgat
+from motion_gym.predictors.stgat_predictor import PARTS, Stgat
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.weighted import Weights
 from motion_gym.windows import pick_scenes
@@ -38,6 +39,13 @@ class ModularStgat(StyleMemory, Stgat):
 
     kind = "modular_stgat"
     shipped = "style/crowd"
+    # psi, f and g of the paper are the style encoder, the modulator and the decoder.
+    parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "all": (*PARTS["all"], "style", "modulator"),
+        "style": ("decoder", "stage3", "style", "modulator"),
+        "modulator": ("modulator",),
+        "last_layer": PARTS["last_layer"],
+    }
 
     def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = False):
         super().__init__(weights, seed, sigma)
@@ -87,10 +95,10 @@ class ModularStgat(StyleMemory, Stgat):
         )
 
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
-        """Style codes [S, 8] of scenes of two agents or more."""
+        """Style codes [M, S, 8] of scenes of two agents or more."""
         pairs = NeighbourPairs.of(truth)
         scene = torch.from_numpy(pairs.scene)
-        return stgat_style.scene_codes(pairs.paths(whole_paths(truth)), scene, truth.observation.scenes, weights)[0]
+        return stgat_style.scene_codes(pairs.paths(whole_paths(truth)), scene, truth.observation.scenes, weights)
 
     @staticmethod
     def whole_scenes(truth: Truth) -> Truth | None:
@@ -104,7 +112,7 @@ class ModularStgat(StyleMemory, Stgat):
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, A, 64] of each agent, modulated."""
         weights, draws, layout, steps = self._given(observation, seed)
-        return stgat_style.modulate(stgat_network.encode(steps, draws, layout, weights), self._codes(weights), weights)
+        return self._latent(steps, draws, layout, weights)
 
     def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, A, 24], metres."""
@@ -129,5 +137,8 @@ class ModularStgat(StyleMemory, Stgat):
         draws = self._draws(observation, layout, 1, seed)
         return self._ready(), draws, layout, torch.from_numpy(self._inputs(observation))
 
-    def _moves(self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
-        return stgat_style.forecast(steps, draws, layout, self._codes(weights), weights)
+    def _latent(
+        self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None
+    ) -> Tensor:
+        latent = stgat_network.encode(steps, draws, layout, weights)
+        return stgat_style.modulate(latent, self._codes(weights, shown), weights)

@@ -158,16 +158,21 @@ def embed(codes: Tensor, weights: Weights) -> Tensor:
 
 def modulate(x: Tensor, codes: Tensor, weights: Weights, block: int) -> Tensor:
     """Add to x [M, S, C] what the modulator makes of it and the codes [M, S or 1, 8], before decoder block 1 or 2."""
-    joined = torch.cat([x, codes.expand(-1, x.shape[1], -1)], dim=-1)
+    joined = torch.cat([x, codes.expand(len(x), x.shape[1], -1)], dim=-1)
     return x + layers(joined, weights, "modulator", 2 * block - 1, 2 * block)
 
 
 def decode(latent: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:
     """Displacements [M, S, 48] from a latent that was modulated, if at all, before; codes for the second block."""
+    return layer(before_last(latent, codes, weights), weights, "decoder", 4)
+
+
+def before_last(latent: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:
+    """What the last layer of ``decode`` is given: [M, S, 48]."""
     x = layers(latent, weights, "decoder", 1, 2)
     if codes is not None:
         x = modulate(x, codes, weights, 2)
-    return layers(x, weights, "decoder", 3, 4)
+    return layer(x, weights, "decoder", 3).relu()
 
 
 def forecast(history: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,11 +12,12 @@ from torch import Tensor
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors import objectives
+from motion_gym.predictors.adapting import LastLayer
 from motion_gym.predictors.graph_attention import Layout
 from motion_gym.predictors.objectives import Objective
 from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
 from motion_gym.predictors.sigma import check_sigma, relative_to_scene
-from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, check_weights, stage3
+from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, check_weights, decode, decoder_states, encode
 from motion_gym.predictors.stgat_released import import_released
 from motion_gym.predictors.stgat_training import Schedule, StgatProgram
 from motion_gym.predictors.weighted import Weighted, Weights
@@ -24,6 +25,12 @@ from motion_gym.windows import pick_scenes_of
 
 SCENES_AT_ONCE = 256
 """Scenes times samples of one forward pass, so that memory does not grow with the test set."""
+
+PARTS: Mapping[str, tuple[str, ...]] = {
+    "all": ("trajectory", "attention1", "attention2", "graph", "decoder", "stage3"),
+    "last_layer": ("stage3",),
+}
+"""Weights that can be tuned."""
 
 
 class Stgat(Weighted):
@@ -45,6 +52,8 @@ class Stgat(Weighted):
     shipped = "spurious"
     settings: ClassVar[tuple[str, ...]] = ("sigma",)
     counterfactual: ClassVar[bool] = False
+    parts: ClassVar[Mapping[str, tuple[str, ...]]] = PARTS
+    """What can be tuned: names, or beginnings of names, of weights; see ``adapting.Tunable``."""
 
     def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = True):
         check_sigma(sigma, self.kind)
@@ -125,9 +134,37 @@ class Stgat(Weighted):
         last = torch.from_numpy(observation.xy[:, -1].copy())
         return (last + moves.cumsum(dim=0)).permute(2, 1, 0, 3).contiguous().numpy()
 
-    def _moves(self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
+    def _moves(
+        self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None
+    ) -> Tensor:
         """Forecast displacements [12, K, A, 2]."""
-        return stage3(steps, draws, layout, weights, self.counterfactual)
+        latent = self._latent(steps, draws, layout, weights, shown)
+        return decode(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
+
+    def offsets(self, observation: Observation, weights: Weights, seed: int = 0, shown: Truth | None = None) -> Tensor:
+        """Offsets [M, A, 12, 2] of the first sample from the last position, metres; see ``adapting.Tunable``."""
+        layout = Layout.of(observation.scene)
+        draws = self._draws(observation, layout, 1, seed).for_models(len(weights["stage3.bias"]))
+        steps = torch.from_numpy(self._inputs(observation))
+        return self._moves(steps, draws, layout, weights, shown).permute(1, 2, 0, 3).cumsum(dim=2)
+
+    def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
+        """The last layer: of each agent and step, to its displacement; see ``adapting.LastLayer``."""
+        weights, layout = self._ready(), Layout.of(observation.scene)
+        steps = torch.from_numpy(self._inputs(observation))
+        with torch.no_grad():
+            draws = self._draws(observation, layout, 1, seed)
+            latent = self._latent(steps, draws, layout, weights)
+            states = decoder_states(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
+        inputs = states[:, 0].transpose(0, 1).flatten(0, 1).double().numpy()
+        weight = np.concatenate([weights["stage3.weight"][0].numpy(), weights["stage3.bias"].numpy()])
+        return LastLayer.of_moves(observation, inputs, weight.astype(np.float64), 1)
+
+    def _latent(
+        self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None
+    ) -> Tensor:
+        """Latent [M, A, 64] that the decoder begins with."""
+        return encode(steps, draws, layout, weights)
 
     @staticmethod
     def _draws(observation: Observation, layout: Layout, samples: int, seed: int) -> Draws:

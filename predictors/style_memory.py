@@ -37,7 +37,7 @@ class StyleMemory(Weighted):
         if whole is None:
             return
         with torch.no_grad():
-            codes = self.scene_codes(whole, weights)
+            codes = self.scene_codes(whole, weights)[0]
         self.observed = self.observed + codes.double().sum(dim=0).numpy()
         self.scenes += len(codes)
 
@@ -55,7 +55,7 @@ class StyleMemory(Weighted):
             )
 
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
-        """Style codes [S, 8] of scenes as ``whole_scenes`` gives them."""
+        """Style codes [M, S, 8] of scenes as ``whole_scenes`` gives them."""
         raise NotImplementedError
 
     @staticmethod
@@ -65,8 +65,10 @@ class StyleMemory(Weighted):
         whole = np.setdiff1d(np.arange(truth.observation.scenes), index)
         return pick_scenes(truth, whole) if len(whole) else None
 
-    def _codes(self, weights: Weights) -> Tensor:
-        """The running average, [1, 1, 8]."""
+    def _codes(self, weights: Weights, shown: Truth | None = None) -> Tensor:
+        """The running average, [1, 1, 8]; or the mean code [M, 1, 8] of scenes, to tune the style encoder through."""
+        if shown is not None:
+            return self.scene_codes(shown, weights).mean(dim=1, keepdim=True)
         average = (weights["prior.code"][:1] + torch.from_numpy(self.observed).to(weights["prior.code"])) / (
             1 + self.scenes
         )

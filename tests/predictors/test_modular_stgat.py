@@ -56,8 +56,8 @@ def test_the_style_depends_neither_on_the_frame_nor_on_the_order_of_agents(made,
     path = whole_paths(truth).double().numpy()
     turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
     order = np.arange(len(path)).reshape(-1, 3)[:, [2, 0, 1]].ravel()
-    expected = made.scene_codes(truth, made.tensors)
-    found = made.scene_codes(changed(truth, path @ turn + [3.0, -2.0], order), made.tensors)
+    expected = made.scene_codes(truth, made.tensors)[0]
+    found = made.scene_codes(changed(truth, path @ turn + [3.0, -2.0], order), made.tensors)[0]
     torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-4)
     assert expected.shape == (truth.observation.scenes, 8) and expected.std(dim=0).min() > 0
 

@@ -1,0 +1,135 @@
+"""What adapters share: a copy of a predictor, a style that is read from the last scenes, updates that can be undone."""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from motion_gym.catalog import whole_number
+from motion_gym.contract import PredictorError, Truth
+from motion_gym.harness import name_of
+from motion_gym.predictors.around import Around
+from motion_gym.windows import check_truth, pick_scenes, stack
+
+MEMORY = 64
+"""Scenes that a style is read from."""
+
+
+class Adapter(Around):
+    """A predictor around a copy of another one, that learns from revealed truth.
+
+    ``predict`` is that of the copy. ``observe`` reads the style from the last scenes, if the predictor has one, and
+    then learns, as a subclass says in ``learn``. An update that leaves something that is not finite is taken back.
+
+    Args:
+        of: Name of a predictor, or a predictor; a copy of it is used.
+        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
+    """
+
+    settings: ClassVar[tuple[str, ...]] = ("memory",)
+
+    def __init__(self, of: Any, memory: int = MEMORY, weights: str | Path | None = None, seed: int | None = None):
+        super().__init__(of, weights, seed)
+        self.memory = whole_number("memory", memory, 0, 100_000)
+        if hasattr(self.inner, "fingerprint"):
+            self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
+        if hasattr(self.inner, "reset"):
+            self.inner.reset()
+        self._begun = copy.deepcopy(self.inner)
+        self._start()
+
+    def _start(self) -> None:
+        self.updates = 0
+        """Times that it has learned."""
+        self.rolled_back = 0
+        """Updates that were taken back."""
+        self.shown: deque[Truth] = deque(maxlen=self.memory)
+        """Whole scenes that the style is read from."""
+
+    def reset(self) -> None:
+        """Forget all that was learned: weights, states and counts are those of the start, bit by bit."""
+        self.inner = copy.deepcopy(self._begun)
+        self._start()
+
+    def observe(self, truth: Truth) -> None:
+        """Learn from revealed truth.
+
+        Args:
+            truth: What became known, with the observations that it answers; agents may be known in part.
+
+        Raises:
+            DataError: it is no proper Truth.
+            PredictorError: it is not such as the predictor takes.
+        """
+        check_truth(truth, "What was observed")
+        if self.memory and hasattr(self.inner, "observe"):
+            self._read_style(truth)
+        self.learn(truth)
+
+    def learn(self, truth: Truth) -> None:
+        """Learn from truth that was checked; here, nothing more than the style."""
+
+    def _read_style(self, truth: Truth) -> None:
+        unknown = truth.observation.scene_index[~truth.known.all(axis=1)]
+        whole = np.setdiff1d(np.arange(truth.observation.scenes), unknown)
+        if not len(whole):
+            return
+        self.shown.extend(pick_scenes(truth, [scene]) for scene in whole)
+        self.inner.reset()
+        self.inner.observe(stack(list(self.shown)))
+
+
+class Unadapted(Adapter):
+    """The source model, which never learns: what every adapter is held against.
+
+    Args:
+        of: Name of a predictor, or a predictor.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
+    """
+
+    kind = "none"
+    settings = ()
+
+    def __init__(self, of: Any = "constant_velocity", weights: str | Path | None = None, seed: int | None = None):
+        super().__init__(of, 0, weights, seed)
+
+
+class Style(Adapter):
+    """Reads the style from the last scenes, and learns nothing else.
+
+    Args:
+        of: Name of a predictor with a style, or such a predictor.
+        memory: Whole scenes, the last ones, that the style is read from.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
+
+    Raises:
+        PredictorError: the predictor reads no style.
+    """
+
+    kind = "style"
+
+    def __init__(
+        self,
+        of: Any = "modular_invariant",
+        memory: int = MEMORY,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+    ):
+        super().__init__(of, whole_number("memory", memory, 1, 100_000), weights, seed)
+        if not hasattr(self.inner, "observe"):
+            raise PredictorError(
+                f"{name_of(self.inner)} reads no style from scenes (it has no `observe`): use modular_invariant, "
+                "modular_stgat or ego_modular, or another adapter, as finetune."
+            )
+
+    def learn(self, truth: Truth) -> None:
+        """Count what the style was read from."""
+        self.updates += int(truth.known.all(axis=1).any())

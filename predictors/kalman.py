@@ -1,0 +1,129 @@
+"""Recursive Bayesian last layer: closed-form updates, forgetting, and a predictive covariance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.harness import name_of
+from motion_gym.predictors.adapter import MEMORY, Adapter
+from motion_gym.predictors.adapting import LastLayer, Linearised
+from motion_gym.predictors.objectives import number, positive
+from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
+
+
+class Kalman(Adapter):
+    """Replaces the last layer by the mean of its posterior, given the trained one as prior and all truth so far.
+
+    With inputs phi of the last layer, true outputs y and prior weights W0, and w = forgetting to the power of the
+    scenes that have come since, the weights are those that minimise
+
+        sum w |y - phi W|^2 + ridge |W - W0|^2,
+
+    the mean of a recursive least-squares (Kalman) filter for a constant W that forgets, but never its prior: where
+    nothing comes, it goes back to the trained weights and does not wind up. Rows of which something is unknown are left
+    out.
+
+    The predictive covariance of a position is that of the residuals before each update, by future step, forgotten at
+    the same pace, times 1 + phi' P phi with P the covariance of W in units of the noise. More samples than one are
+    drawn from it, the first is its mean; an agent is off in one direction over all steps.
+
+    Args:
+        of: Name of a predictor of the STGAT or modular family, ``linear``, or such a predictor; a copy of it is used.
+        ridge: Precision of the prior, in units of the noise's; above 0.
+        forgetting: Factor by which the weight of what was seen falls with each scene, above 0, at most 1.
+        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
+
+    Raises:
+        SpecError: an argument is not allowed.
+        PredictorError: the predictor has no linear last layer.
+    """
+
+    kind = "kalman"
+    settings = ("ridge", "forgetting", "memory")
+
+    def __init__(
+        self,
+        of: Any = "modular_invariant",
+        ridge: float = 10.0,
+        forgetting: float = 0.99,
+        memory: int = MEMORY,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+    ):
+        self.ridge, self.forgetting = positive("ridge", ridge), number("forgetting", forgetting)
+        if not 0 < self.forgetting <= 1:
+            raise SpecError(f"`forgetting={forgetting}` must be above 0, and at most 1.")
+        super().__init__(of, memory, weights, seed)
+        if not isinstance(self.inner, Linearised):
+            raise PredictorError(
+                f"{name_of(self.inner)} has no linear last layer that can be replaced (`last_layer`): use linear, or "
+                "one of the STGAT or modular family, as erm or modular_invariant."
+            )
+        if getattr(self.inner, "fitted", True) is False:
+            raise PredictorError(f"{name_of(self.inner)} is not fitted: fit it, and give the fitted predictor.")
+
+    def _start(self) -> None:
+        super()._start()
+        self.precision = self.pull = self.mean = np.zeros((0, 0))
+        """[C, C] and [C, O] what was seen, without the prior; [C, O] the weights."""
+        self.squares, self.count = np.zeros(FUTURE), np.zeros(FUTURE)
+        """Sums of squared residuals per coordinate by future step, and how many they are."""
+
+    def learn(self, truth: Truth) -> None:
+        """Take in the rows that are known."""
+        layer = self.inner.last_layer(truth.observation)
+        rows = layer.by_row(truth.known)
+        if not rows.any():
+            return
+        scenes = truth.observation.scenes
+        faded = self.forgetting**scenes
+        x, y = layer.inputs[rows], layer.outputs(truth.future.astype(np.float64))[rows]
+        if not len(self.precision):
+            self.precision, self.pull = np.zeros((x.shape[1], x.shape[1])), np.zeros((x.shape[1], y.shape[1]))
+        residual = layer.positions(self._outputs(layer)) - truth.future
+        square = (residual**2).sum(axis=-1) / 2 / (1 + self._doubt(layer))
+        precision, pull = faded * self.precision + x.T @ x, faded * self.pull + x.T @ y
+        prior = self.ridge * np.eye(len(precision))
+        mean = np.linalg.solve(prior + precision, self.ridge * layer.weight + pull)
+        self.updates += 1
+        if not np.isfinite(mean).all() or not np.isfinite(square[truth.known]).all():
+            self.rolled_back += 1
+            return
+        self.precision, self.pull, self.mean = precision, pull, mean
+        self.squares = faded * self.squares + np.where(truth.known, square, 0).sum(axis=0)
+        self.count = faded * self.count + truth.known.sum(axis=0)
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, K, 12, 2], metres: the mean first, then samples of the predictive distribution."""
+        if not len(self.precision):
+            return super().predict(observation, samples, seed)
+        layer = self.inner.last_layer(observation)
+        positions = np.repeat(layer.positions(self._outputs(layer))[:, None], samples, axis=1)
+        if samples > 1:
+            keys = scene_keys(observation, samples, seed)
+            own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
+            drawn = normals(own, 2).transpose(1, 0, 2)[:, 1:, None]
+            positions[:, 1:] += drawn * np.sqrt(self._variance(layer))[:, None, :, None]
+        return Forecast(positions.astype(np.float32))
+
+    def variance(self, observation: Observation) -> np.ndarray:
+        """Predictive variance [A, 12] of each coordinate, square metres; 0 before anything was observed."""
+        return self._variance(self.inner.last_layer(observation))
+
+    def _variance(self, layer: LastLayer) -> np.ndarray:
+        return np.asarray(self.squares / np.maximum(self.count, 1e-9) * (1 + self._doubt(layer)))
+
+    def _outputs(self, layer: LastLayer) -> np.ndarray:
+        # A product of matrices would give a row other last bits in another batch.
+        return np.einsum("rc,co->ro", layer.inputs, self.mean if self.mean.size else layer.weight)
+
+    def _doubt(self, layer: LastLayer) -> np.ndarray:
+        """Phi' P phi of each agent and step: [A, 12]."""
+        spread = np.linalg.inv(self.ridge * np.eye(layer.inputs.shape[1]) + (self.precision if self.mean.size else 0))
+        return layer.by_step(np.einsum("rc,cd,rd->r", layer.inputs, spread, layer.inputs, optimize=True))
