@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections import deque
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -13,10 +13,31 @@ from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, Truth
 from motion_gym.harness import name_of
 from motion_gym.predictors.around import Around
-from motion_gym.windows import check_truth, pick_scenes, stack
+from motion_gym.windows import check_truth, pick_scenes
 
 MEMORY = 64
 """Scenes that a style is read from."""
+
+
+@runtime_checkable
+class Styled(Protocol):
+    """A predictor whose style is a sum over the scenes that it has observed.
+
+    Attributes:
+        observed: The sum.
+        scenes: How many scenes it is over.
+    """
+
+    observed: np.ndarray
+    scenes: int
+
+    def observe(self, truth: Truth) -> None:
+        """Add scenes."""
+        ...
+
+    def reset(self) -> None:
+        """Go back to no scene."""
+        ...
 
 
 class Adapter(Around):
@@ -49,8 +70,8 @@ class Adapter(Around):
         """Times that it has learned."""
         self.rolled_back = 0
         """Updates that were taken back."""
-        self.shown: deque[Truth] = deque(maxlen=self.memory)
-        """Whole scenes that the style is read from."""
+        self.shown: deque[Any] = deque(maxlen=self.memory)
+        """What each of the whole scenes that the style is read from adds to it."""
 
     def reset(self) -> None:
         """Forget all that was learned: weights, states and counts are those of the start, bit by bit."""
@@ -68,7 +89,7 @@ class Adapter(Around):
             PredictorError: it is not such as the predictor takes.
         """
         check_truth(truth, "What was observed")
-        if self.memory and hasattr(self.inner, "observe"):
+        if self.memory and isinstance(self.inner, Styled):
             self._read_style(truth)
         self.learn(truth)
 
@@ -80,9 +101,11 @@ class Adapter(Around):
         whole = np.setdiff1d(np.arange(truth.observation.scenes), unknown)
         if not len(whole):
             return
-        self.shown.extend(pick_scenes(truth, [scene]) for scene in whole)
-        self.inner.reset()
-        self.inner.observe(stack(list(self.shown)))
+        for scene in whole:
+            self.inner.reset()
+            self.inner.observe(pick_scenes(truth, [scene]))
+            self.shown.append((self.inner.observed, self.inner.scenes))
+        self.inner.observed, self.inner.scenes = (sum(values) for values in zip(*self.shown, strict=True))
 
 
 class Unadapted(Adapter):
@@ -124,10 +147,10 @@ class Style(Adapter):
         seed: int | None = None,
     ):
         super().__init__(of, whole_number("memory", memory, 1, 100_000), weights, seed)
-        if not hasattr(self.inner, "observe"):
+        if not isinstance(self.inner, Styled):
             raise PredictorError(
-                f"{name_of(self.inner)} reads no style from scenes (it has no `observe`): use modular_invariant, "
-                "modular_stgat or ego_modular, or another adapter, as finetune."
+                f"{name_of(self.inner)} reads no style from scenes (`observe`, `observed`, `scenes`): use "
+                "modular_invariant, modular_stgat or ego_modular, or another adapter, as finetune."
             )
 
     def learn(self, truth: Truth) -> None:

@@ -105,6 +105,7 @@ class EgoModular(EgoErm):
 
     kind = "ego_modular"
     networks = ("plain", "manoeuvre")
+    scenes = 0
 
     def observe(self, truth: Truth) -> None:
         """Read the style from pairs of agents whose 20 steps are all known.
@@ -118,7 +119,8 @@ class EgoModular(EgoErm):
         if not 0 < truth.observation.dt < np.inf:
             raise PredictorError(f"What was observed has steps of {truth.observation.dt} s: they must be above 0.")
         self.observed = self.observed + kept_distances(truth).sum(axis=0)
+        self.scenes += truth.observation.scenes
 
     def reset(self) -> None:
         """Forget all that was observed."""
-        self.observed = np.zeros(2)
+        self.observed, self.scenes = np.zeros(2), 0
