@@ -12,6 +12,7 @@ from motion_gym import (
     adaptation_report,
     catalog,
     figures,
+    online_report,
     pretraining_report,
     seed_tables,
     source_selection,
@@ -87,6 +88,11 @@ def _pretraining(found: Found, folder: Path, report: Report) -> tuple[list[str],
     return [text], paths
 
 
+def _online(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
+    text, paths = online_report.write(folder, report)
+    return [text], paths
+
+
 REPORTS: dict[str, Callable[[Found, Path, Report], tuple[list[str], list[Path]]]] = {
     "spurious": _spurious,
     "original": _original,
@@ -94,6 +100,7 @@ REPORTS: dict[str, Callable[[Found, Path, Report], tuple[list[str], list[Path]]]
     "transfer": _transfer,
     "refinement": _refinement,
     "pretraining": _pretraining,
+    "online": _online,
 }
 """What each benchmark has besides the tables of its parts: further tables, after the first one, and figures."""
 
@@ -101,6 +108,7 @@ REPORTS: dict[str, Callable[[Found, Path, Report], tuple[list[str], list[Path]]]
 SHORT: dict[str, Callable[[Found, Path], str]] = {
     "original": lambda found, folder: seed_tables.original_beside_published(found),
     "pretraining": lambda found, folder: (folder / "tables.md").read_text().strip(),
+    "online": lambda found, folder: online_report.short(folder),
 }
 """The table for a README where it is not that of the first part."""
 

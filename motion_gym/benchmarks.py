@@ -193,6 +193,7 @@ def _shots(title: str, d: float, batches: Sequence[int], trained: Sequence[str],
 
 
 BENCHMARKS: dict[str, tuple[Part, ...]] = {
+    "online": (),  # see ``online_benchmark``
     "pretraining": (),  # nothing to score: see ``pretraining_report``
     "spurious": (
         Part(

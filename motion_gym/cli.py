@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from motion_gym import catalog, cli_training, datasets, report, results
+from motion_gym import catalog, cli_online, cli_training, datasets, report, results
 from motion_gym.cli_output import console, progress_bar, say
 from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError, SpecError
 from motion_gym.evaluation import BASELINE, PROTOCOLS
@@ -120,7 +120,7 @@ def table(
 
 
 def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None) -> None:
-    """List domains, predictors, protocols, metrics and data sets, or explain one domain or predictor.
+    """List domains, predictors, adapters, protocols, metrics and data sets, or explain one domain or predictor.
 
     Args:
         name: Domain or predictor to explain, with its parameters; nothing lists them all.
@@ -128,7 +128,7 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
     if name is not None:
         _is_predictor(name)  # says what is wrong with a name that is neither predictor nor domain
         target, _ = catalog.parse_spec(name)
-        entry = {**catalog.DOMAINS, **catalog.PREDICTORS}.get(target)
+        entry = {**catalog.DOMAINS, **catalog.PREDICTORS, **catalog.ADAPTERS}.get(target)
         kind = catalog.load_class(entry.target if entry else target)
         say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")
         parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
@@ -140,6 +140,9 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
     ])  # fmt: skip
     _list("Predictors  (or your own: module:Class)", ("name", "what"), [
         (name, entry.summary) for name, entry in catalog.PREDICTORS.items()
+    ])  # fmt: skip
+    _list("Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)", ("name", "what"), [
+        (name, entry.summary) for name, entry in catalog.ADAPTERS.items()
     ])  # fmt: skip
     _list("Protocols", ("name", "what"), list(PROTOCOLS.items()))
     _list("Metrics", ("name", "unit", "what"), [(m.name, m.unit, m.description) for m in METRICS])
@@ -226,6 +229,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "baselines": baselines,
     "train": cli_training.train,
     "run": cli_training.run,
+    "adapt": cli_online.adapt,
     "import-weights": cli_training.import_weights,
     "table": table,
     "ls": ls,

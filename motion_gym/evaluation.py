@@ -115,7 +115,7 @@ class Scorecard:
             "baseline": BASELINE,
             **{name: dataclasses.asdict(d) for name, d in self.versus_baseline.items()},
         }
-        return _json(plain)
+        return in_json(plain)  # type: ignore[no-any-return]
 
     def __str__(self) -> str:
         ade, fde = self.metrics["ADE"], self.metrics["FDE"]
@@ -384,11 +384,12 @@ def peak_memory() -> int:
     return int(peak if sys.platform == "darwin" else peak * 1024)
 
 
-def _json(value: Any) -> Any:
+def in_json(value: Any) -> Any:
+    """The value in JSON types; what is not finite becomes None."""
     if isinstance(value, Mapping):
-        return {str(key): _json(item) for key, item in value.items()}
+        return {str(key): in_json(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_json(item) for item in value]
+        return [in_json(item) for item in value]
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value

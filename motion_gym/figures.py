@@ -19,6 +19,8 @@ from motion_gym.seed_tables import over_seeds
 from motion_gym.storage import write_atomic
 from motion_gym.windows import pick_scenes
 
+MOST_MARKED = 10
+"""Segments up to which their beginnings are marked."""
 SCENE_ALPHAS = (1, 8, 64)
 """Alphas of the figure of one scene."""
 
@@ -82,6 +84,37 @@ def curves(
     axes.set_ylabel(y_label)
     axes.set_title(title, fontsize=10)
     axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    _write(figure, path)
+
+
+def over_time(panels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]], path: Path, title: str) -> None:
+    """Trailing means over the time of streams, a panel for each kind, the mean over seeds.
+
+    Args:
+        panels: Online results of the seeds, by row, by kind.
+        path: Where the SVG goes.
+        title: Above the figure.
+    """
+    figure = Figure(figsize=(9, 3.2 * len(panels)), layout="constrained")
+    colors = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
+    for axes, (kind, rows) in zip(figure.subplots(len(panels), squeeze=False)[:, 0], panels.items(), strict=True):
+        for color, (row, results) in zip(colors, rows.items(), strict=False):
+            curves = [np.array(r["curve"]) for r in results]
+            first, last = max(c[0, 0] for c in curves), min(c[-1, 0] for c in curves)
+            at = np.linspace(first, last, 200)
+            mean = np.mean([np.interp(at, c[:, 0], c[:, 1]) for c in curves], axis=0)
+            axes.plot(at, mean, "--" if row == "constant_velocity" else "-", color=color, label=row, linewidth=1.3)
+        segments = next(iter(rows.values()))[0]["segments"]
+        if len(segments) <= MOST_MARKED:
+            for segment in segments:
+                axes.axvline(segment["start"], color="0.7", linewidth=0.8)
+                place = (segment["start"], 0.97)
+                axes.annotate(segment["domain"], place, xycoords=("data", "axes fraction"), fontsize=7, va="top")
+        axes.set(xlabel="seconds", ylabel="ADE over the last 50 forecasts, m", title=f"{title}: {kind}")
+        axes.title.set_fontsize(9)
+        axes.grid(alpha=0.3)
+        axes.set_ylim(0, None)
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     _write(figure, path)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.bootstrap import Summary, clustered_interval
+from motion_gym.evaluation import in_json
 
 TRAIL = 50
 """Matured forecasts of a trailing mean."""
@@ -17,7 +18,7 @@ EVERY = 10
 """Matured forecasts from one point after a shift to the next."""
 WITHIN = 1.1
 """A shift is recovered from when the trailing mean is at most this many times the error that is to be reached."""
-POINTS = 400
+POINTS = 200
 """Most points of a curve."""
 
 
@@ -139,7 +140,7 @@ class OnlineCard:
             "each forecast was stored before its truth was told, and scored before it was learned from; means over "
             "matured agent-forecasts, most likely sample; 95 % intervals by bootstrap of whole agents"
         )
-        return plain
+        return in_json(plain)  # type: ignore[no-any-return]
 
     def __str__(self) -> str:
         ms = 1000 * self.tick_seconds[1]

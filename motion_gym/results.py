@@ -13,7 +13,7 @@ import platform
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,26 +53,48 @@ def run(
         The result as in the file: a scorecard (``Scorecard.as_dict``) and where it comes from.
     """
     k = default_k(protocol) if k is None else k
-    canonical = json.dumps(
-        _identity(catalog.predictor(predictor), predictor, domain, split, k, protocol, seed, references, shots),
-        sort_keys=True,
-        default=str,
-    )
+    made = catalog.predictor(predictor)
+    identity = _identity(made, predictor, domain, split, k, protocol, seed, references, shots)
+    options: dict[str, Any] = {"split": split, "protocol": protocol, "seed": seed, "references": references}
+
+    def score(_: Path | None) -> dict[str, Any]:
+        return evaluate(predictor, domain, k=k, shots=shots, **options).as_dict()
+
+    return found_or_made(folder, f"{predictor}--{spec_of(domain)}", identity, SCHEMA, score)
+
+
+def found_or_made(
+    folder: Path | None,
+    title: str,
+    identity: Mapping[str, Any],
+    schema: int | str,
+    make: Callable[[Path | None], dict[str, Any]],
+) -> dict[str, Any]:
+    """The result of a run from its file, or made and written now.
+
+    Args:
+        folder: Where results are; None to make it and write nothing.
+        title: Begins the name of the file.
+        identity: All that the result depends on.
+        schema: Version of what is in the file.
+        make: Given the path of the file, makes the result in JSON types.
+
+    Raises:
+        DataError: the file is the result of another run, or damaged.
+    """
+    canonical = json.dumps(identity, sort_keys=True, default=str)
     identity = json.loads(canonical)
     digest = hashlib.sha256(canonical.encode()).hexdigest()[:12]
-    slug = re.sub(r"[^A-Za-z0-9.=-]+", "_", f"{predictor}--{spec_of(domain)}").strip("_")[:120]
+    slug = re.sub(r"[^A-Za-z0-9.=-]+", "_", title).strip("_")[:120]
     path = None if folder is None else folder / f"{slug}--{digest}.json"
     if path is not None and path.exists():
-        found = read(path)
+        found = read(path, schema)
         if found["identity"] != identity:
             raise DataError(f"{path} is the result of another run. Delete or move it, and run the command again.")
         return found
-    card = evaluate(
-        predictor, domain, split=split, k=k, protocol=protocol, seed=seed, references=references, shots=shots
-    )
     result = {
-        "schema": SCHEMA,
-        **card.as_dict(),
+        "schema": schema,
+        **make(path),
         "identity": identity,
         "versions": versions(),
         "commit": commit(),
@@ -85,7 +107,7 @@ def run(
     return result
 
 
-def read(path: Path) -> dict[str, Any]:
+def read(path: Path, schema: int | str = SCHEMA) -> dict[str, Any]:
     """One result.
 
     Raises:
@@ -95,7 +117,8 @@ def read(path: Path) -> dict[str, Any]:
         result = json.loads(path.read_text())
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"{path} is not a result: {error}. Delete it, and run the command again.") from None
-    if not isinstance(result, dict) or result.get("schema") != SCHEMA or not _complete(result):
+    kind = result.get("schema") if isinstance(result, dict) else None
+    if kind != schema or (schema == SCHEMA and not _complete(result)):
         raise DataError(f"{path} is not a result of this version of motion-gym. Delete it, and run the command again.")
     return result
 
@@ -204,10 +227,10 @@ def _identity(
     card = domain.card
     return {
         "predictor": predictor,
-        "predictor_code": _code(made),
+        "predictor_code": code_of(made),
         "weights": getattr(made, "fingerprint", None),
         "domain": domain_key(domain),
-        "domain_code": _code(domain),
+        "domain_code": code_of(domain),
         "files": {**card.files, **_files(card.parameters)},
         "data": _digest(windows_of_domain(domain, split)),
         "reference": _digest(domain.reference()) if hasattr(made, "observe") and protocol == "honest" else None,
@@ -222,7 +245,7 @@ def _identity(
     }
 
 
-def _code(thing: Any) -> str:
+def code_of(thing: Any) -> str:
     """sha256 of the modules that define a class and its bases, so that a changed predictor is a new run."""
     digest = hashlib.sha256()
     for module in sorted({kind.__module__ for kind in type(thing).__mro__} - {"builtins", "typing"}):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -17,6 +18,7 @@ from motion_gym.predictors.around import Around
 from motion_gym.predictors.objectives import positive
 from motion_gym.predictors.pair_network import walked
 from motion_gym.predictors.style_loss import TEMPERATURE
+from motion_gym.windows import pick_scenes
 
 
 @runtime_checkable
@@ -59,6 +61,7 @@ class Refine(Around):
         of: Name of a predictor with a style encoder, or such a predictor; a copy of it is used.
         steps: Number of steps, 0 or more.
         rate: Learning rate.
+        memory: Whole scenes, the last ones, that the style is read from; 0 for all that were observed.
         weights: Of the predictor, where it is given by name.
         seed: Of the predictor, where it is given by name.
 
@@ -67,13 +70,14 @@ class Refine(Around):
     """
 
     kind = "refine"
-    settings = ("steps", "rate")
+    settings = ("steps", "rate", "memory")
 
     def __init__(
         self,
         of: Any = "modular_invariant",
         steps: int = 3,
         rate: float = 1e-3,
+        memory: int = 0,
         weights: str | Path | None = None,
         seed: int | None = None,
     ):
@@ -84,8 +88,13 @@ class Refine(Around):
                 "forecast by: use modular or modular_invariant."
             )
         self.steps, self.rate = catalog.whole_number("steps", steps, 0, 10_000), positive("rate", rate)
-        self.towards = np.zeros(0)
-        self.scenes = 0
+        self.memory = catalog.whole_number("memory", memory, 0, 100_000)
+        self._forget()
+
+    def _forget(self) -> None:
+        self.towards, self.scenes = np.zeros(0), 0
+        self.shown: deque[tuple[Any, ...]] = deque(maxlen=self.memory)
+        """What each of the last scenes adds to the style, and to what is refined towards."""
 
     @property
     def tune(self) -> Callable[..., None]:
@@ -100,21 +109,35 @@ class Refine(Around):
 
     def observe(self, truth: Truth) -> None:
         """Read the style, and the embeddings to refine towards, from scenes whose 20 steps are all known."""
-        self.inner.observe(truth)
+        if not self.memory:
+            self.inner.observe(truth)
         whole = self.inner.whole_scenes(truth)
         if whole is None:
             return
+        if not self.memory:
+            embedded = self._embedded(whole)
+            self.towards = embedded + self.towards if len(self.towards) else embedded
+            self.scenes += whole.observation.scenes
+            return
+        for scene in range(whole.observation.scenes):
+            one = pick_scenes(whole, [scene])
+            self.inner.reset()
+            self.inner.observe(one)
+            self.shown.append((self.inner.observed, self.inner.scenes, self._embedded(one), 1))
+        sums = [sum(values) for values in zip(*self.shown, strict=True)]
+        self.inner.observed, self.inner.scenes, self.towards, self.scenes = sums
+
+    def _embedded(self, whole: Truth) -> np.ndarray:
+        """Sum [8] of the style embeddings of whole scenes."""
         path = np.concatenate([whole.observation.xy[:, -1:], whole.future], axis=1)
         moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float64).reshape(1, -1, 24)
         with torch.no_grad():
-            embedded = self.inner.embedded(whole.observation, moves)[0].double().sum(dim=0).numpy()
-        self.towards = embedded + self.towards if len(self.towards) else embedded
-        self.scenes += whole.observation.scenes
+            return self.inner.embedded(whole.observation, moves)[0].double().sum(dim=0).numpy()
 
     def reset(self) -> None:
         """Forget all that was observed."""
         self.inner.reset()
-        self.towards, self.scenes = np.zeros(0), 0
+        self._forget()
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres: the first sample alone, refined.

@@ -1,0 +1,252 @@
+"""Tables and figures of online adaptation, from the results of its runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motion_gym import online_benchmark
+from motion_gym.online import LABELS, Report
+from motion_gym.online_benchmark import BASELINE, NONE, ORACLE, SHIFTS, Found
+from motion_gym.online_score import EVERY, TRAIL, after_first, gain, recovery
+from motion_gym.report import number
+from motion_gym.seed_tables import spread
+
+Result = Mapping[str, Any]
+COLUMNS = (
+    "method",
+    "ADE",
+    "ADE after the first shift",
+    "gain",
+    "recovered after",
+    "on return",
+    "updates",
+    "ms per update",
+    "ms per step",
+    "MB",
+)
+MILESTONES = (50, 100, 150, 200, 300)
+"""Matured forecasts after a shift."""
+
+
+def table(rows: Mapping[str, Sequence[Result]], settings: Mapping[str, str]) -> list[str]:
+    """A table of one kind of stream.
+
+    Args:
+        rows: Results of the seeds by row; constant velocity, none and oracle are among them, the last one if there is
+            one.
+        settings: Spec of each row, where it is not its name.
+    """
+    lines = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * len(COLUMNS)}"]
+    for row, results in rows.items():
+        cells = cells_of(results, rows[NONE], rows.get(ORACLE))
+        lines.append(f"| `{settings.get(row, row)}` | {' | '.join(cells)} |")
+    return lines
+
+
+def cells_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[Result] | None) -> list[str]:
+    """Cells of a row, behind its name."""
+    ade = np.array([r["ade"]["mean"] for r in results])
+    after = np.array([after_first(r) for r in results])
+    gains = gains_of(results, none, oracle)
+    update = np.median([r["update_seconds"] for r in results], axis=0) * 1000
+    tick = np.median([r["tick_seconds"][1] for r in results]) * 1000
+    rolled = sum(r["rolled_back"] for r in results)
+    updates = f"{np.mean([r['updates'] for r in results]):.0f}" + (f" ({rolled} taken back)" if rolled else "")
+    updates += f" ({sum(r['skipped'] for r in results)} skipped)" if any(r["realtime"] for r in results) else ""
+    return [
+        spread(ade),
+        spread(after),
+        "-" if gains is None else spread(gains),
+        recovered(results, oracle),
+        returned(results),
+        updates,
+        f"{update[0]:.1f} / {update[1]:.1f}" if results[0]["updates"] else "-",
+        f"{tick:.1f}",
+        f"{np.max([r['peak_memory'] for r in results]) / 2**20:.0f}",
+    ]
+
+
+def on_domain(result: Result, domain: str) -> str:
+    """ADE over all segments of a domain."""
+    own = [s["ade"] for s in result["segments"] if s["domain"] == domain and s["ade"]["agent_windows"]]
+    total = sum(ade["agent_windows"] for ade in own)
+    return number(sum(ade["mean"] * ade["agent_windows"] for ade in own) / total if total else None)
+
+
+def gains_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[Result] | None) -> np.ndarray | None:
+    """Adaptation gain of each seed, over the segments after the first one; None without an oracle that is better."""
+    if oracle is None:
+        return None
+    triples = zip(results, none, oracle, strict=True)
+    found = np.array([gain(after_first(n), after_first(r), after_first(o)) for r, n, o in triples])
+    return None if np.isnan(found).any() else found
+
+
+def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str:
+    """Median matured forecasts and seconds until the first shift is recovered from, and in how many runs it is."""
+    shifts = [r["shifts"] for r in results]
+    if not all(shifts):
+        return "-"
+    found = []
+    for index, (shift, *_) in enumerate(shifts):
+        theirs = 0.0 if oracle is None else oracle[index]["segments"][shift["segment"]]["ade"]["mean"]
+        found.append(recovery(shift, max(shift["before"], theirs)))
+    there = [f for f in found if f is not None]
+    if not there:
+        return f"never (0 of {len(found)})"
+    forecasts, seconds = np.median(there, axis=0)
+    return f"{forecasts:.0f} ({seconds:.0f} s; {len(there)} of {len(found)})"
+
+
+def returned(results: Sequence[Result]) -> str:
+    """By how much the error of a domain that returns is above that of its first visit."""
+    found = [[later / first - 1 for _, first, later in r["returns"]] for r in results]
+    if not all(found):
+        return "-"
+    return f"{100 * np.mean(found):+.0f} %"
+
+
+def notes(results: Sequence[Result]) -> list[str]:
+    """What is true of a table."""
+    first = results[0]
+    matured = sorted({r["ade"]["agent_windows"] for r in results})
+    censored = sorted({r["censored"] for r in results})
+    agents = sorted({r["ade"]["agents"] for r in results})
+    lines = [
+        f"protocol honest, k = 1; {_span(matured)} matured forecasts of {_span(agents)} agents, {_span(censored)} "
+        "censored; mean ± standard error over seeds, the interval of every run is in its file",
+        f"labels {first['labels']}: {LABELS[first['labels']]}; reset for each {first['scope']}",
+    ]
+    return lines + [leak for leak in dict.fromkeys(leak for r in results for leak in r["leaks"])]
+
+
+LEGEND = (
+    "gain: (none - adapted) / (none - oracle) after the first shift, of ADE",
+    f"recovered after: matured forecasts (and seconds) from the first shift until the mean over the last {TRAIL} is "
+    f"within 10 % of the ADE before the shift, or of the oracle's after it; looked at every {EVERY} forecasts, so at "
+    f"least {TRAIL}; median of the runs that did",
+    "on return: ADE of later visits of a domain against its first one",
+    "ms per update: median / 95th percentile; ms per step: 95th percentile of update and forecasts together",
+)
+
+
+def choice(name: str, tried: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Which settings were tried on the shift among sources, and which are best."""
+    shifts = SHIFTS[name]
+    where = " then ".join(shifts.chosen_on["domains"])
+    lines = [
+        f"Settings, chosen by the mean ADE of both segments of {where} (weights `{shifts.chosen_with}`, seed 0), where "
+        f"`none` has {number(tried[NONE][NONE])}:",
+        "",
+        "| row | settings: ADE, metres |",
+        "|---|---|",
+    ]
+    best = online_benchmark.chosen(tried)
+    for row, values in tried.items():
+        if row != NONE:
+            cells = [
+                f"{'**' if spec == best[row] else ''}{_more(row, spec)}: {number(v)}{'**' if spec == best[row] else ''}"
+                for spec, v in values.items()
+            ]
+            lines.append(f"| `{row}` | {'; '.join(cells)} |")
+    return lines
+
+
+def milestones(rows: Mapping[str, Sequence[Result]]) -> list[str]:
+    """ADE over the last forecasts after so many labels from the first shift."""
+    lines = [
+        f"ADE over the last {TRAIL} forecasts after so many have matured since the shift:",
+        "",
+        f"| method | {' | '.join(map(str, MILESTONES))} |",
+        f"|---|{'---|' * len(MILESTONES)}",
+    ]
+    for row, results in rows.items():
+        after = [{int(n): ade for n, _, ade in r["shifts"][0]["after"]} for r in results]
+        cells = [spread(np.array([a[n] for a in after])) if all(n in a for a in after) else "-" for n in MILESTONES]
+        lines.append(f"| `{row}` | {' | '.join(cells)} |")
+    return lines
+
+
+def fewer_labels(rows: Mapping[str, Sequence[Result]], one: str, other: str) -> str:
+    """At how many numbers of labels after the shift one row has the lower trailing mean than another, over seeds."""
+    rows = {row: rows[row] for row in (one, other)}
+    means = {row: np.mean([[e for _, _, e in r["shifts"][0]["after"]] for r in of], axis=0) for row, of in rows.items()}
+    below = int((means[one] < means[other]).sum())
+    return (
+        f"The error of `{one}` is below that of `{other}` at {below} of {len(means[one])} numbers of labels after the "
+        f"shift (every {EVERY} from {TRAIL} on)."
+    )
+
+
+def write(folder: Path, report: Report) -> tuple[str, list[Path]]:
+    """Run what is missing; all tables, and a figure for each sort of shift in ``folder``."""
+    from motion_gym import figures  # matplotlib takes a second
+
+    tried, found = online_benchmark.run(folder, report)
+    texts, paths = [], []
+    for name, shifts in SHIFTS.items():
+        settings = {row: spec for row, spec in online_benchmark.chosen(tried[name]).items() if row != NONE}
+        texts += [f"## {shifts.title}", "", f"Adapted: `{shifts.source}`, weights `{shifts.weights}`.", ""]
+        texts += [*choice(name, tried[name]), ""]
+        for kind in shifts.streams:
+            rows = rows_of(found, name, kind)
+            everything = [r for results in rows.values() for r in results]
+            texts += [f"### {shifts.title}: {kind}", "", *table(rows, settings), ""]
+            texts += [*(f"- {note}." for note in (*notes(everything), *LEGEND)), ""]
+            if kind == "sudden" and name == "style":
+                texts += [
+                    *milestones(rows),
+                    "",
+                    fewer_labels(rows, "finetune:parts=modulator", "finetune:parts=all"),
+                    "",
+                ]
+        paths.append(folder / f"{name}.svg")
+        figures.over_time({k: rows_of(found, name, k) for k in shifts.streams}, paths[-1], shifts.title)
+    return "\n".join(texts).strip(), paths
+
+
+def rows_of(found: Found, name: str, kind: str) -> dict[str, list[dict[str, Any]]]:
+    """Results by row."""
+    return {row: found[name, kind, row] for row in (BASELINE, NONE, ORACLE, *SHIFTS[name].rows)}
+
+
+def short(folder: Path) -> str:
+    """One table for a README: errors after a sudden shift, and the gain."""
+    _, found = online_benchmark.read(folder)
+    rows = list(dict.fromkeys(row for shifts in SHIFTS.values() for row in (BASELINE, NONE, ORACLE, *shifts.rows)))
+    lines = [
+        "**After a sudden shift.** ADE in metres, k = 1, mean ± standard error over seeds, and the adaptation gain",
+        "",
+        f"| method | {' | '.join(shifts.title for shifts in SHIFTS.values())} |",
+        f"|---|{'---|' * len(SHIFTS)}",
+    ]
+    for row in rows:
+        cells = []
+        for name in SHIFTS:
+            there = rows_of(found, name, "sudden") if row in (BASELINE, NONE, ORACLE, *SHIFTS[name].rows) else None
+            if there is None:
+                cells.append("does not fit")
+                continue
+            gains = gains_of(there[row], there[NONE], there[ORACLE])
+            after = spread(np.array([after_first(r) for r in there[row]]))
+            cells.append(after if gains is None or row in (NONE, ORACLE) else f"{after} ({gains.mean():+.2f})")
+        lines.append(f"| `{row}` | {' | '.join(cells)} |")
+    lines.append("")
+    for name, shifts in SHIFTS.items():
+        everything = [r for results in rows_of(found, name, "sudden").values() for r in results]
+        lines += [f"- {shifts.title} (`{shifts.source}`): {note}." for note in notes(everything)[:1]]
+    lines += [f"- {LEGEND[0]}.", "- settings were chosen on shifts among the sources of training."]
+    return "\n".join(lines)
+
+
+def _span(values: Sequence[int]) -> str:
+    return str(values[0]) if len(values) == 1 else f"{values[0]} to {values[-1]}"
+
+
+def _more(row: str, spec: str) -> str:
+    """What a spec has beyond that of its row."""
+    return spec[len(row) :].lstrip(":,") or "defaults"
