@@ -25,7 +25,7 @@ BASELINE, NONE, ORACLE = "constant_velocity", "none", "oracle"
 TRIED: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "style": [{"memory": m} for m in (8, 16, 64)],
     "refine": [{"memory": m} for m in (16, 64)],
-    "finetune": [{"rate": r, "every": e} for r in (3e-5, 1e-4, 3e-4, 1e-3) for e in (1, 4)],
+    "finetune": [{"rate": r, "least": n} for r in (1e-4, 3e-4, 1e-3, 3e-3) for n in (6, 12)],
     "ema_anchor": [{"rate": r, "anchor": a} for r in (1e-4, 3e-4, 1e-3) for a in (0.001, 0.01)],
     "kalman": [{"ridge": r, "forgetting": f} for r in (1.0, 10.0, 100.0) for f in (0.97, 0.99, 1.0)],
     "ekf": [{"noise": n, "spread": s} for n in (0.1, 0.3, 1.0) for s in (0.003, 0.01, 0.03)],
@@ -43,7 +43,7 @@ Make = Callable[[str, Callable[[], Predictor], str, Stream], dict[str, Any]]
 """From the row, what makes the predictor, what it is around, and the stream to the result."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shifts:
     """Streams of one sort of shift.
 
@@ -103,14 +103,14 @@ STYLE_ROWS = (
 )
 
 
-def _kinds(domains: Sequence[str], frames: int, again: Sequence[str] | None = None) -> dict[str, dict[str, Any]]:
-    """Arguments of the three kinds of stream; ``again`` is what is played where domains recur."""
-    common: dict[str, Any] = {"domains": list(domains), "frames": frames}
-    back = {"domains": list(again), "kind": "sudden"} if again else {"domains": list(domains), "kind": "recurring"}
+def _kinds(domains: Sequence[str], frames: Sequence[int], again: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
+    """Arguments of the kinds of stream: frames of a visit by kind; ``again`` is what recurs, else all do, twice."""
+    sudden, gradual, recurring = frames
+    back: dict[str, Any] = {"domains": list(again or domains), "kind": "sudden" if again else "recurring"}
     return {
-        "sudden": {**common, "kind": "sudden"},
-        "gradual": {**common, "kind": "gradual"},
-        "recurring": {**common, **back, **({} if again else {"frames": frames // 40 * 20})},
+        "sudden": {"domains": list(domains), "kind": "sudden", "frames": sudden},
+        "gradual": {"domains": list(domains), "kind": "gradual", "frames": gradual},
+        "recurring": {**back, "frames": recurring},
     }
 
 
@@ -119,30 +119,30 @@ SHIFTS: Mapping[str, Shifts] = {
         "Crowds of another style: d = 0.3, then 0.6",
         "modular_invariant",
         "style",
-        _kinds(("orca:d=0.3", "orca:d=0.6"), 3200),
+        _kinds(("orca:d=0.3", "orca:d=0.6"), (3200, 1600, 1200)),
         "modular_invariant:weights=online/orca",
         STYLE_ROWS,
-        {"domains": ["orca:d=0.3", "orca:d=0.5"], "frames": 3200},
+        {"domains": ["orca:d=0.3", "orca:d=0.5"], "frames": 1600},
         "style/held_out",
     ),
     "alpha": Shifts(
         "Another noise: eth with alpha = 1, then 64",
         "erm",
         "spurious",
-        _kinds(("eth:alpha=1", "eth:alpha=64"), 420),
+        _kinds(("eth:alpha=1", "eth:alpha=64"), (420, 420, 200)),
         {"eth:alpha=1.0": "erm:weights=online/alpha_1", "eth:alpha=64.0": "erm:weights=online/alpha_64"},
         STGAT_ROWS,
-        {"domains": ["zara2:alpha=8", "zara2:alpha=64"], "frames": 400},
+        {"domains": ["zara2:alpha=8", "zara2:alpha=64"], "frames": 300},
         "spurious",
     ),
     "places": Shifts(
         "Other places: hotel, zara1, univ",
         "erm_no_sigma",
         "online/places",
-        _kinds(("hotel", "zara1", "univ"), 300, ("hotel", "zara1", "univ", "hotel")),
+        _kinds(("hotel", "zara1", "univ"), (200, 200, 200), ("hotel", "zara1", "univ", "hotel")),
         "erm_no_sigma:weights=original/zara2",
         STGAT_ROWS,
-        {"domains": ["zara2", "eth6"], "frames": 300},
+        {"domains": ["zara2", "eth6"], "frames": 200},
         "online/places",
     ),
 }

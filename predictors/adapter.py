@@ -15,7 +15,7 @@ from motion_gym.harness import name_of
 from motion_gym.predictors.around import Around
 from motion_gym.windows import check_truth, pick_scenes
 
-MEMORY = 64
+MEMORY = 16
 """Scenes that a style is read from."""
 
 
