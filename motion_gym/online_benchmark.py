@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from motion_gym import catalog, online_results
 from motion_gym.contract import DataError, Predictor
 from motion_gym.harness import ready
 from motion_gym.online import Report
-from motion_gym.streams import Stream, stream
+from motion_gym.streams import Stream, stream, stream_name
 from motion_gym.target_oracle import TargetOracle
 
 SEEDS = (0, 1, 2, 3, 4)
@@ -39,11 +40,11 @@ Found = dict[tuple[str, str, str], list[dict[str, Any]]]
 """Results of the seeds by name of the shifts, kind and row."""
 Whole = tuple[dict[str, Tried], Found]
 """What was tried for each of the shifts, and all results."""
-Make = Callable[[str, Callable[[], Predictor], str, Stream], dict[str, Any]]
-"""From the row, what makes the predictor, what it is around, and the stream to the result."""
+Make = Callable[[str, Callable[[Stream], Predictor], str, Mapping[str, Any]], dict[str, Any]]
+"""From the row, what makes its predictor, what it is around, and the arguments of the stream to the result."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Shifts:
     """Streams of one sort of shift.
 
@@ -77,18 +78,13 @@ class Shifts:
             return TargetOracle(_seeded(self.oracle, seed))
         return TargetOracle({domain: _seeded(spec, seed) for domain, spec in self.oracle.items()})
 
-    @functools.cache  # noqa: B019  # there are three, and they stay
-    def stream(self, kind: str, seed: int) -> Stream:
-        """One of the streams."""
-        return stream(**self.streams[kind], seed=seed)
-
 
 STGAT_ROWS = (
-    "finetune:parts=all",
-    "finetune:parts=last_layer",
-    "ema_anchor:parts=all",
+    "finetune:parts=all,every=4",
+    "finetune:parts=last_layer,every=4",
+    "ema_anchor:parts=all,every=4",
     "kalman",
-    "ekf:parts=last_layer",
+    "ekf:parts=last_layer,every=4",
 )
 STYLE_ROWS = (
     "style",
@@ -132,7 +128,7 @@ SHIFTS: Mapping[str, Shifts] = {
         _kinds(("eth:alpha=1", "eth:alpha=64"), (420, 420, 200)),
         {"eth:alpha=1.0": "erm:weights=online/alpha_1", "eth:alpha=64.0": "erm:weights=online/alpha_64"},
         STGAT_ROWS,
-        {"domains": ["zara2:alpha=8", "zara2:alpha=64"], "frames": 300},
+        {"domains": ["zara2:alpha=8", "zara2:alpha=64"], "frames": 200},
         "spurious",
     ),
     "places": Shifts(
@@ -156,13 +152,13 @@ def settings(row: str) -> list[str]:
 
 def choices(shifts: Shifts, make: Make, report: Report = lambda done, of, what: None) -> Tried:
     """ADE, metres, of each row by its settings over the shift among sources, the mean over its segments."""
-    on = stream(**shifts.chosen_on, kind="sudden", seed=0)
+    on = {**shifts.chosen_on, "kind": "sudden", "seed": 0}
     of = shifts.of(0, shifts.chosen_with)
     jobs = [(row, spec) for row in (NONE, *shifts.rows) for spec in ([NONE] if row == NONE else settings(row))]
     found: Tried = {}
     for done, (row, spec) in enumerate(jobs):
         report(done, len(jobs), f"choosing: {spec}")
-        result = make(spec, lambda spec=spec: online_results.make(spec, of), of, on)  # type: ignore[misc]
+        result = make(spec, functools.partial(_adapter, spec, of), of, on)
         found.setdefault(row, {})[spec] = float(np.mean([s["ade"]["mean"] for s in result["segments"]]))
     return found
 
@@ -182,7 +178,11 @@ def run(folder: Path, report: Report = lambda done, of, what: None, only: Sequen
     """
 
     def make(into: Path) -> Make:
-        return lambda row, who, of, on: online_results.run(row, who(), of, on, into)
+        def made(row: str, who: Callable[[Stream], Predictor], of: str, on: Mapping[str, Any]) -> dict[str, Any]:
+            played = _stream(json.dumps(on))
+            return online_results.run(row, who(played), of, played, into)
+
+        return made
 
     return _all(make(folder / "choice"), make(folder), report, only)
 
@@ -197,10 +197,11 @@ def read(folder: Path) -> Whole:
     def make(into: Path) -> Make:
         there = online_results.read_folder(into)
 
-        def found(row: str, who: Callable[[], Predictor], of: str, on: Stream) -> dict[str, Any]:
-            if (row, of, on.name) not in there:
-                raise DataError(f"{into} has no result of {row} on {on.name}: motion-gym run online --out ...")
-            return there[row, of, on.name]
+        def found(row: str, who: Callable[[Stream], Predictor], of: str, on: Mapping[str, Any]) -> dict[str, Any]:
+            name = stream_name(**on)
+            if (row, of, name) not in there:
+                raise DataError(f"{into} has no result of {row} on {name}: motion-gym run online --out {folder.parent}")
+            return there[row, of, name]
 
         return found
 
@@ -217,8 +218,8 @@ def _all(choose: Make, make: Make, report: Report, only: Sequence[str]) -> Whole
             tried[name] = choices(shifts, choose, report)
         spec = chosen(tried[name]).get(row, row)
         report(done, len(jobs), f"{name}, {kind}: {spec}, seed {seed}")
-        on, of = shifts.stream(kind, seed), shifts.of(seed)
-        result = make(spec, functools.partial(_who, shifts, spec, seed, on), of, on)
+        on, of = {**shifts.streams[kind], "seed": seed}, shifts.of(seed)
+        result = make(spec, functools.partial(_who, shifts, spec, seed), of, on)
         found.setdefault((name, kind, row), []).append(result)
     return tried, found
 
@@ -226,7 +227,16 @@ def _all(choose: Make, make: Make, report: Report, only: Sequence[str]) -> Whole
 def _who(shifts: Shifts, spec: str, seed: int, on: Stream) -> Predictor:
     if spec == ORACLE:
         return shifts.oracle_of(seed)
-    return ready(BASELINE, on.domains[0]) if spec == BASELINE else online_results.make(spec, shifts.of(seed))
+    return ready(BASELINE, on.domains[0]) if spec == BASELINE else catalog.adapter(spec, shifts.of(seed))
+
+
+def _adapter(spec: str, of: str, on: Stream) -> Predictor:
+    return catalog.adapter(spec, of)
+
+
+@functools.lru_cache(maxsize=8)
+def _stream(arguments: str) -> Stream:
+    return stream(**json.loads(arguments))
 
 
 def _jobs(only: Sequence[str]) -> Iterator[tuple[str, str, str, int]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym import catalog, results
+from motion_gym import results
 from motion_gym.contract import Predictor
 from motion_gym.harness import name_of
 from motion_gym.online import Report, evaluate_online
@@ -65,13 +65,6 @@ def run(
         return {"row": row, "of": of, **card.as_dict()}
 
     return results.found_or_made(folder, f"{row}--{on.name}--{of}", identity, SCHEMA, make)
-
-
-def make(row: str, of: str) -> Predictor:
-    """Who runs in a row: an adapter around a predictor, or another predictor."""
-    name, _ = catalog.parse_spec(row)
-    known = name in catalog.ADAPTERS or ":" in name
-    return catalog.adapter(row, of) if known else catalog.predictor(row)
 
 
 def read_folder(folder: Path) -> dict[tuple[str, str, str], dict[str, Any]]:

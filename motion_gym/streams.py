@@ -165,9 +165,22 @@ def stream(
             segments[-1] = dataclasses.replace(segments[-1], stop=stop)
             continue
         segments.append(Segment(places[number], start, stop))
-    name = f"{kind}({', '.join(map(spec_of, places))}; frames={frames}"
+    return Stream(segments, split, stream_name(places, kind, frames, cycles=cycles, seed=seed, split=split))
+
+
+def stream_name(
+    domains: Sequence[str | Domain],
+    kind: str,
+    frames: int,
+    *,
+    cycles: int = 2,
+    seed: int = 0,
+    split: str = "test",
+) -> str:
+    """Name of what ``stream`` gives, without reading any data."""
+    name = f"{kind}({', '.join(spec_of(catalog.domain(d)) for d in domains)}; frames={frames // UNIT * UNIT}"
     name += f", cycles={cycles}" if kind in ("recurring", "mixed") else ""
-    return Stream(segments, split, f"{name}, seed={seed})")
+    return f"{name}, seed={seed}{'' if split == 'test' else f', {split}'})"
 
 
 def _blocks(kind: str, visits: Sequence[int], places: int, rng: np.random.Generator) -> list[int]:
