@@ -60,6 +60,9 @@ class Adapter(Around):
         self.memory = whole_number("memory", memory, 0, 100_000)
         if hasattr(self.inner, "fingerprint"):
             self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
+        if "curve" in getattr(self.inner, "card", {}):
+            # How the training went is long, and would be copied with each agent, update and checkpoint.
+            self.inner.card = {key: value for key, value in self.inner.card.items() if key != "curve"}
         if hasattr(self.inner, "reset"):
             self.inner.reset()
         self._begun = copy.deepcopy(self.inner)
