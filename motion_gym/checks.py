@@ -1,7 +1,7 @@
 """What is wrong with a predictor or a domain: every rule of the contract, all findings at once.
 
 ``check_predictor`` and ``check_domain`` raise; ``predictor_problems`` and ``domain_problems`` return the findings. The
-rules are listed in ``PREDICTOR_RULES`` and ``DOMAIN_RULES``.
+rules are listed in ``PREDICTOR_RULES`` and ``DOMAIN_RULES``. ``motion_gym.adapter_checks`` is the same for adapters.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Problem:
     """One broken rule.
 
     Attributes:
-        rule: Short name, a key of ``PREDICTOR_RULES`` or ``DOMAIN_RULES``.
+        rule: Short name, a key of ``PREDICTOR_RULES``, ``DOMAIN_RULES`` or ``ADAPTER_RULES``.
         message: What was seen, and what to do.
     """
 
@@ -62,16 +62,16 @@ def check_predictor(predictor: str | type | Predictor, domain: str | Domain | No
     """
     problems = predictor_problems(predictor, domain)
     if problems:
-        raise PredictorError(_listing(_title(predictor), "predictor", problems))
+        raise PredictorError(listing(title_of(predictor), "predictor", problems))
 
 
 def predictor_problems(predictor: str | type | Predictor, domain: str | Domain | None = None) -> list[Problem]:
     """Every rule that a predictor breaks; see ``check_predictor``."""
     problems: dict[str, Problem] = {}
     place = None if domain is None else catalog.domain(domain)
-    report = _reporter(problems, PREDICTOR_RULES)
+    report = reporter(problems, PREDICTOR_RULES)
     if not isinstance(predictor, str) and not callable(getattr(predictor, "predict", None)):
-        report("predict", f"{_title(predictor)} has no method predict(observation, samples=1, seed=0): define it.")
+        report("predict", f"{title_of(predictor)} has no method predict(observation, samples=1, seed=0): define it.")
     else:
         apply_predictor_rules(predictor, place, report, problems)
     return list(problems.values())
@@ -89,26 +89,26 @@ def check_domain(domain: str | type | Domain) -> None:
     """
     problems = domain_problems(domain)
     if problems:
-        raise SpecError(_listing(_title(domain), "domain", problems))
+        raise SpecError(listing(title_of(domain), "domain", problems))
 
 
 def domain_problems(domain: str | type | Domain) -> list[Problem]:
     """Every rule that a domain breaks; see ``check_domain``."""
     problems: dict[str, Problem] = {}
-    report = _reporter(problems, DOMAIN_RULES)
+    report = reporter(problems, DOMAIN_RULES)
     missing = [
         member
         for member in ("card", "recordings", "windows", "reference")
         if not isinstance(domain, str) and not hasattr(domain, member)
     ]
     if missing:
-        report("members", f"{_title(domain)} has no {', '.join(missing)}: see motion_gym.contract.Domain.")
+        report("members", f"{title_of(domain)} has no {', '.join(missing)}: see motion_gym.contract.Domain.")
     else:
         apply_domain_rules(catalog.domain(domain), report)  # type: ignore[arg-type]  # a class is welcome too
     return list(problems.values())
 
 
-def _reporter(problems: dict[str, Problem], rules: Mapping[str, str]) -> Callable[[str, str], None]:
+def reporter(problems: dict[str, Problem], rules: Mapping[str, str]) -> Callable[[str, str], None]:
     """Keeps the first finding of each rule: the others most often have the same cause."""
 
     def report(rule: str, message: str) -> None:
@@ -119,12 +119,14 @@ def _reporter(problems: dict[str, Problem], rules: Mapping[str, str]) -> Callabl
     return report
 
 
-def _title(thing: Any) -> str:
+def title_of(thing: Any) -> str:
+    """Name of what is checked: a spec, a class or an instance."""
     if isinstance(thing, str):
         return thing
     return thing.__name__ if inspect.isclass(thing) else name_of(thing)
 
 
-def _listing(title: str, kind: str, problems: list[Problem]) -> str:
+def listing(title: str, kind: str, problems: list[Problem]) -> str:
+    """All findings as one message."""
     rules = "1 rule" if len(problems) == 1 else f"{len(problems)} rules"
     return f"{title} breaks {rules} of the {kind} contract:\n" + "\n".join(f"- {p}" for p in problems)

@@ -18,6 +18,7 @@ from motion_gym import catalog, cli_online, cli_training, datasets, report, resu
 from motion_gym.cli_output import console, progress_bar, say
 from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError, SpecError
 from motion_gym.evaluation import BASELINE, PROTOCOLS
+from motion_gym.harness import ready
 from motion_gym.metrics import METRICS
 from motion_gym.storage import data_folder
 
@@ -149,17 +150,31 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
     _list("Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()])
 
 
-def check(thing: Thing, domain: str = "orca:scenes=40") -> None:
-    """Hold a predictor or a domain to the contract, and look for leaks of the future on both clocks.
+def check(
+    thing: Thing,
+    domain: str = "orca:scenes=40",
+    of: Annotated[str | None, tyro.conf.arg(metavar="PREDICTOR")] = None,
+) -> None:
+    """Hold a predictor, an adapter or a domain to the contract, and look for leaks of the future on both clocks.
 
     Args:
-        thing: Predictor or domain: your own (module:Class), a name or a spec.
-        domain: For a predictor: the domain on which leaks are looked for.
+        thing: Predictor, adapter or domain: your own (module:Class), a name or a spec.
+        domain: For a predictor or an adapter: the domain on which leaks are looked for.
+        of: For an adapter: the predictor to put it around, by default modular_invariant. Your own class is checked as
+            an adapter if this is given.
     """
+    from motion_gym.adapter_checks import check_adapter
     from motion_gym.checks import check_domain, check_predictor
     from motion_gym.leaks import leak_probe
 
-    if _is_predictor(thing):
+    predictor: Any
+    name, parameters = catalog.parse_spec(thing)
+    if of is not None or name in catalog.ADAPTERS:
+        place, of = catalog.domain(domain), of or parameters.get("of", "modular_invariant")
+        check_adapter(thing, of, place)
+        say(f"{thing} around {of} keeps the contract of an adapter.")
+        predictor = catalog.adapter(thing, ready(of, place))
+    elif _is_predictor(thing):
         place, predictor = catalog.domain(domain), thing
         check_predictor(thing, domain=place)
         say(f"{thing} keeps the contract of a predictor.")
