@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 from typing import Any
 
@@ -20,7 +21,7 @@ from motion_gym.contract import (
     Truth,
     raised_at,
 )
-from motion_gym.domains import training_set
+from motion_gym.domains import spec_of, training_set
 from motion_gym.windows import check_truth
 
 
@@ -60,6 +61,9 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
     if isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False):
         train, validation = training_set(domain)
         guarded(made, "fit", train, validation, seed)
+        if not hasattr(made, "trained_on"):
+            with contextlib.suppress(AttributeError):  # it may not take further attributes
+                made.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
     if hasattr(made, "know"):
         guarded(made, "know", domain)
     if hasattr(made, "reset"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ from motion_gym.predictors.adapter import MEMORY, Adapter
 from motion_gym.predictors.adapting import LastLayer, Linearised
 from motion_gym.predictors.objectives import number, positive
 from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
+
+KEPT = 32
+"""Observations whose last layer is kept, more than the steps that a truth takes to come."""
 
 
 class Kalman(Adapter):
@@ -74,10 +78,28 @@ class Kalman(Adapter):
         """[C, C] and [C, O] what was seen, without the prior; [C, O] the weights."""
         self.squares, self.count = np.zeros(FUTURE), np.zeros(FUTURE)
         """Sums of squared residuals per coordinate by future step, and how many they are."""
+        self.layers: OrderedDict[bytes, LastLayer] = OrderedDict()
+        """Last layers of observations that were forecast, as they are needed again when their truth is told."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "layers": OrderedDict()}  # only to save time, and it cannot be pickled
+
+    def _layer(self, observation: Observation) -> LastLayer:
+        style = getattr(self.inner, "observed", np.zeros(0)), getattr(self.inner, "scenes", 0)
+        told = observation.history.tobytes() + observation.scene.tobytes()
+        key = told + np.append(*style).tobytes()
+        if key not in self.layers:
+            layer = self.inner.last_layer(observation)
+            if len(self.layers) >= KEPT:
+                return layer  # asking changes nothing that is held
+            self.layers[key] = layer
+        return self.layers[key]
 
     def learn(self, truth: Truth) -> None:
         """Take in the rows that are known."""
-        layer = self.inner.last_layer(truth.observation)
+        for _ in range(len(self.layers) - KEPT // 2):
+            self.layers.popitem(last=False)
+        layer = self._layer(truth.observation)
         rows = layer.by_row(truth.known)
         if not rows.any():
             return
@@ -101,9 +123,7 @@ class Kalman(Adapter):
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres: the mean first, then samples of the predictive distribution."""
-        if not len(self.precision):
-            return super().predict(observation, samples, seed)
-        layer = self.inner.last_layer(observation)
+        layer = self._layer(observation)
         positions = np.repeat(layer.positions(self._outputs(layer))[:, None], samples, axis=1)
         if samples > 1:
             keys = scene_keys(observation, samples, seed)
@@ -114,7 +134,7 @@ class Kalman(Adapter):
 
     def variance(self, observation: Observation) -> np.ndarray:
         """Predictive variance [A, 12] of each coordinate, square metres; 0 before anything was observed."""
-        return self._variance(self.inner.last_layer(observation))
+        return self._variance(self._layer(observation))
 
     def _variance(self, layer: LastLayer) -> np.ndarray:
         return np.asarray(self.squares / np.maximum(self.count, 1e-9) * (1 + self._doubt(layer)))

@@ -36,13 +36,14 @@ class NeighbourPairs:
     def of(cls, truth: Truth) -> NeighbourPairs:
         """The nearest neighbours of each agent; those who are not known over all 20 steps are none, and have none."""
         path = np.concatenate([truth.observation.xy, truth.future], axis=1).astype(np.float64)
+        x, y = np.ascontiguousarray(path[..., 0]), np.ascontiguousarray(path[..., 1])
         other, there = neighbours(truth.observation.scene)
         whole = np.asarray(truth.known.all(axis=1))
         there = np.logical_and(there, whole[:, None] & whole[other])
         nearest = np.full(other.shape, np.inf)
         for column in range(other.shape[1]):  # one at a time, as the paths of all pairs together can be large
-            off = path[other[:, column]] - path
-            nearest[:, column] = np.where(there[:, column], (off * off).sum(axis=-1).min(axis=1), np.inf)
+            dx, dy = x[other[:, column]] - x, y[other[:, column]] - y
+            nearest[:, column] = np.where(there[:, column], (dx * dx + dy * dy).min(axis=1), np.inf)
         kept = np.argsort(nearest, axis=1, kind="stable")[:, :NEAREST]
         agent, slot = np.nonzero(np.take_along_axis(there, kept, axis=1))
         way = truth.observation.xy[agent, -1] - truth.observation.xy[agent, 0]
