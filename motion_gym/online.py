@@ -56,6 +56,7 @@ class _Run:
         settled: Number of forecasts settled.
         ticks: [T, 2] seconds of the update and of the forecasts at each observation; NaN where nothing was told.
         updates: [segments] updates.
+        rolled_back: Updates that were taken back.
         skipped: Updates that were skipped.
     """
 
@@ -68,6 +69,7 @@ class _Run:
     settled: int
     ticks: np.ndarray
     updates: np.ndarray
+    rolled_back: int
     skipped: int
 
 
@@ -116,14 +118,17 @@ def evaluate_online(
         raise SpecError(f"`cost={cost}` must be a number of seconds, 0 or more.")
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
     played = on if isinstance(on, Stream) else stream(on)
-    made = copy.deepcopy(ready(predictor, played.domains[0], seed))
+    # A copy first, since what was given would be reset.
+    given = predictor if isinstance(predictor, (str, type)) else copy.deepcopy(predictor)
+    made = ready(given, played.domains[0], seed)
     name = predictor if isinstance(predictor, str) else name_of(made)
     identity = json.dumps(
         [
             name,
             getattr(made, "fingerprint", None),
             repr(played),
-            played.ends.tolist(),
+            played.split,
+            [[label, part.start, part.stop] for label, part in zip(played.labels, played.segments, strict=True)],
             labels,
             scope,
             realtime,
@@ -131,7 +136,8 @@ def evaluate_online(
             seed,
         ]
     )
-    run = _resumed(checkpoint, identity) or _begun(PerAgent(made) if scope == "agent" else made, played)
+    alone = scope == "agent" and hasattr(made, "observe")
+    run = _resumed(checkpoint, identity) or _begun(PerAgent(made) if alone else made, played)
     saved = time.perf_counter()
     total = len(played.clock.times)
     while run.at < total:
@@ -155,7 +161,7 @@ def _begun(predictor: Any, played: Stream) -> _Run:
     columns = {key: np.full(size, np.nan) for key in ("ade", "fde")}
     columns |= {key: np.full(size, -1, np.int32) for key in ("made", "settled", "person")}
     ticks = np.full((len(clock.times), 2), np.nan, np.float32)
-    return _Run(predictor, None, Outstanding(), {}, 0, columns, 0, ticks, np.zeros(len(played.ends), np.int64), 0)
+    return _Run(predictor, None, Outstanding(), {}, 0, columns, 0, ticks, np.zeros(len(played.ends), np.int64), 0, 0)
 
 
 def _resumed(checkpoint: Path | None, identity: str) -> _Run | None:
@@ -181,17 +187,17 @@ def _step(run: _Run, played: Stream, labels: str, scope: str, realtime: bool, co
     begins = run.at == 0 or segment != int(played.segment_at(clock.times[run.at - 1]))
     if begins:
         if scope == "place" and run.at and hasattr(run.predictor, "reset"):
-            run.learner = None
+            run.learner, truth = None, None  # which is of the place before
             guarded(run.predictor, "reset")
         if hasattr(run.predictor, "know"):
             guarded(run.predictor, "know", played.segments[segment].domain)
-    if run.learner is not None and seconds >= run.learner[1]:
+    if run.learner is not None and seconds >= run.learner[1] - 1e-9:  # 0.4 s after 12 x 0.4 s is at 13 x 0.4 s
         run.predictor, run.learner = run.learner[0], None
     if truth is not None and hasattr(run.predictor, "observe"):
         if run.learner is not None:
             run.skipped += 1
         else:
-            before = _count(run.predictor)
+            before, undone = _count(run.predictor), _count(run.predictor, "rolled_back") or 0
             learner = copy.deepcopy(run.predictor) if realtime else run.predictor
             began = time.perf_counter()
             tell(learner, truth)
@@ -199,6 +205,7 @@ def _step(run: _Run, played: Stream, labels: str, scope: str, realtime: bool, co
             run.ticks[run.at, 0] = spent
             after = _count(learner)
             run.updates[segment] += 1 if after is None or before is None else after - before
+            run.rolled_back += (_count(learner, "rolled_back") or 0) - undone
             done = seconds + (spent if cost is None else cost)
             if realtime and done > seconds:
                 run.learner = learner, done
@@ -224,9 +231,9 @@ def _step(run: _Run, played: Stream, labels: str, scope: str, realtime: bool, co
     run.at += 1
 
 
-def _count(predictor: Any) -> int | None:
-    """How often a predictor says that it has learned."""
-    return getattr(predictor, "updates", None)
+def _count(predictor: Any, what: str = "updates") -> int | None:
+    """How often a predictor says that it has learned, or has taken that back."""
+    return getattr(predictor, what, None)
 
 
 def _happened(run: _Run, made: int, now: int) -> tuple[np.ndarray, np.ndarray]:
@@ -301,7 +308,7 @@ def _card(
         shifts=shifts_of(ade, segment, settled * played.dt, played.labels, starts),
         returns=returns_of(ade, segment, played.labels),
         updates=int(run.updates.sum()),
-        rolled_back=int(getattr(run.predictor, "rolled_back", 0)),
+        rolled_back=run.rolled_back,
         skipped=run.skipped,
         update_seconds=_quantiles(run.ticks[:, 0]),
         tick_seconds=_quantiles(np.nansum(run.ticks, axis=1)),

@@ -11,6 +11,9 @@ from motion_gym.contract import Forecast, Observation, Truth
 from motion_gym.harness import ask, guarded, tell
 from motion_gym.windows import pick_scenes
 
+COUNTS = ("updates", "rolled_back")
+"""What adapters count; here, of all copies together."""
+
 
 class PerAgent:
     """Around a predictor: a copy for each agent, which learns from the scenes that the agent is in.
@@ -24,11 +27,17 @@ class PerAgent:
 
     def __init__(self, of: Any):
         self.base = of
+        self._begin()
+
+    def _begin(self) -> None:
         self.own: dict[int, Any] = {}
+        for count in COUNTS:
+            if hasattr(self.base, count):
+                setattr(self, count, 0)
 
     def __getattr__(self, name: str) -> Any:
         # What the predictor says of itself, as its name; not what copying and pickling look for before there is a base.
-        if name.startswith("__") or name in ("base", "own", "know", "tune", "updates"):
+        if name.startswith("__") or name in ("base", "own", "tune", *COUNTS):
             raise AttributeError(name)
         return getattr(self.base, name)
 
@@ -47,11 +56,16 @@ class PerAgent:
         for agent in present:
             if agent not in self.own:
                 self.own[agent] = copy.deepcopy(self.base)
-            tell(self.own[agent], pick_scenes(truth, np.unique(seen.scene_index[seen.agent == agent])))
+            learner = self.own[agent]
+            before = {count: getattr(learner, count, 0) for count in COUNTS}
+            tell(learner, pick_scenes(truth, np.unique(seen.scene_index[seen.agent == agent])))
+            for count in COUNTS:
+                if hasattr(self, count):
+                    setattr(self, count, getattr(self, count) + getattr(learner, count, 0) - before[count])
         self.own = {agent: self.own[agent] for agent in present}
 
     def reset(self) -> None:
         """Drop all copies."""
-        self.own = {}
+        self._begin()
         if hasattr(self.base, "reset"):
             guarded(self.base, "reset")
