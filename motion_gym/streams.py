@@ -114,8 +114,8 @@ def stream(
     Args:
         domains: One or several: names, specs or domains.
         kind: ``sudden``, ``gradual``, ``recurring`` or ``mixed``, see ``KINDS``.
-        frames: Listed frames of each visit of a domain, rounded down to a multiple of 20; by default as many as there
-            are, and at most 4000; a single domain is played whole.
+        frames: Listed frames of each visit of a domain, rounded down to a multiple of 20, or, in blocks, of 200; by
+            default as many as there are, and at most 4000; a single domain is played whole.
         cycles: Visits of each domain where they recur or mix.
         seed: Which part of a place is played, where there is more than is needed, and the order of blocks.
         split: Which split of all domains.
@@ -142,6 +142,11 @@ def stream(
     if frames is None:
         frames = min(most, MOST_FRAMES)
     frames = catalog.whole_number("frames", frames, 0, 10**9) // UNIT * UNIT
+    if kind in ("gradual", "mixed") and frames < BLOCKS * UNIT:
+        raise SpecError(
+            f"`frames={frames}`: `{kind}` cuts a visit into {BLOCKS} blocks of at least {UNIT} frames, give "
+            f"{BLOCKS * UNIT} or more; there are {most} for each."
+        )
     if not 0 < frames <= most:
         short = min(there, key=lambda w: there[w] // wanted[w])
         raise SpecError(
