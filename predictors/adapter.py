@@ -100,15 +100,13 @@ class Adapter(Around):
         """Learn from truth that was checked; here, nothing more than the style."""
 
     def _read_style(self, truth: Truth) -> None:
-        unknown = truth.observation.scene_index[~truth.known.all(axis=1)]
-        whole = np.setdiff1d(np.arange(truth.observation.scenes), unknown)
-        if not len(whole):
-            return
+        whole = whole_scenes(truth)
         for scene in whole:
             self.inner.reset()
             self.inner.observe(pick_scenes(truth, [scene]))
             self.shown.append((self.inner.observed, self.inner.scenes))
-        self.inner.observed, self.inner.scenes = (sum(values) for values in zip(*self.shown, strict=True))
+        if len(whole):
+            self.inner.observed, self.inner.scenes = (sum(values) for values in zip(*self.shown, strict=True))
 
 
 class Unadapted(Adapter):
@@ -158,4 +156,10 @@ class Style(Adapter):
 
     def learn(self, truth: Truth) -> None:
         """Count what the style was read from."""
-        self.updates += int(truth.known.all(axis=1).any())
+        self.updates += int(len(whole_scenes(truth)) > 0)
+
+
+def whole_scenes(truth: Truth) -> np.ndarray:
+    """Numbers of the scenes of which all is known."""
+    unknown = truth.observation.scene_index[~truth.known.all(axis=1)]
+    return np.setdiff1d(np.arange(truth.observation.scenes), unknown)

@@ -19,6 +19,8 @@ from motion_gym.predictors.objectives import number, positive
 from motion_gym.windows import pick_scenes, stack
 
 OPTIMISERS = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
+MOST_RATE = 1e30
+"""More is as wrong, and would overflow inside of the optimiser."""
 
 
 class Finetune(Adapter):
@@ -110,7 +112,7 @@ class Finetune(Adapter):
     def _update(self) -> None:
         begun = self.inner.tensors
         free = {name: begun[name].detach().clone().requires_grad_() for name in self.tuned}
-        optimiser = OPTIMISERS[self.optimiser](list(free.values()), lr=self.rate)
+        optimiser = OPTIMISERS[self.optimiser](list(free.values()), lr=min(self.rate, MOST_RATE))
         if self.state:
             optimiser.load_state_dict(self.state)
         rng = np.random.default_rng([self.updates, self.rolled_back])
@@ -126,11 +128,19 @@ class Finetune(Adapter):
                     with torch.no_grad():
                         for name, tensor in free.items():
                             tensor.lerp_(self._begun.tensors[name], self.anchor)
-        if all(bool(torch.isfinite(tensor).all()) for tensor in free.values()):
-            self.inner.tensors = {**begun, **{name: tensor.detach() for name, tensor in free.items()}}
+        learned = {**begun, **{name: tensor.detach() for name, tensor in free.items()}}
+        if self._usable(learned):
+            self.inner.tensors = learned
             self.state = optimiser.state_dict()
         else:
             self.rolled_back += 1
+
+    def _usable(self, weights: dict[str, Tensor]) -> bool:
+        """Whether weights, and the forecasts of the last scene by them, are finite."""
+        if not all(bool(torch.isfinite(weights[name]).all()) for name in self.tuned):
+            return False
+        with torch.no_grad():
+            return bool(torch.isfinite(self.loss(next(reversed(self.recent.values())), weights)))
 
     def _batch(self, rng: np.random.Generator) -> Truth:
         """The scenes that have come, and as many remembered ones as a batch has room for."""

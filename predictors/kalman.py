@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ class Kalman(Adapter):
 
     the mean of a recursive least-squares (Kalman) filter for a constant W that forgets, but never its prior: where
     nothing comes, it goes back to the trained weights and does not wind up. Rows of which something is unknown are left
-    out.
+    out, and what is told again counts once.
 
     The predictive covariance of a position is that of the residuals before each update, by future step, forgotten at
     the same pace, times 1 + phi' P phi with P the covariance of W in units of the noise. More samples than one are
@@ -78,6 +79,8 @@ class Kalman(Adapter):
         """[C, C] and [C, O] what was seen, without the prior; [C, O] the weights."""
         self.squares, self.count = np.zeros(FUTURE), np.zeros(FUTURE)
         """Sums of squared residuals per coordinate by future step, and how many they are."""
+        self.told: OrderedDict[bytes, np.ndarray] = OrderedDict()
+        """What was known of the last scenes, by what was observed: labels may come step by step."""
         self.layers: OrderedDict[bytes, LastLayer] = OrderedDict()
         """Last layers of observations that were forecast, as they are needed again when their truth is told."""
 
@@ -100,26 +103,39 @@ class Kalman(Adapter):
         for _ in range(len(self.layers) - KEPT // 2):
             self.layers.popitem(last=False)
         layer = self._layer(truth.observation)
-        rows = layer.by_row(truth.known)
+        before = self._told_before(truth)
+        counted = layer.by_row(before)
+        rows, new = layer.by_row(truth.known) & ~counted, truth.known & ~before
         if not rows.any():
             return
-        scenes = truth.observation.scenes
-        faded = self.forgetting**scenes
+        index, scenes = truth.observation.scene_index, truth.observation.scenes
+        adds, added = (np.bincount(index, layer.by_step(r * 1.0).any(axis=1), scenes) > 0 for r in (rows, counted))
+        faded = self.forgetting ** int((adds & ~added).sum())
         x, y = layer.inputs[rows], layer.outputs(truth.future.astype(np.float64))[rows]
         if not len(self.precision):
             self.precision, self.pull = np.zeros((x.shape[1], x.shape[1])), np.zeros((x.shape[1], y.shape[1]))
         residual = layer.positions(self._outputs(layer)) - truth.future
         square = (residual**2).sum(axis=-1) / 2 / (1 + self._doubt(layer))
         precision, pull = faded * self.precision + x.T @ x, faded * self.pull + x.T @ y
-        prior = self.ridge * np.eye(len(precision))
-        mean = np.linalg.solve(prior + precision, self.ridge * layer.weight + pull)
         self.updates += 1
-        if not np.isfinite(mean).all() or not np.isfinite(square[truth.known]).all():
+        mean = _solved(self.ridge * np.eye(len(precision)) + precision, self.ridge * layer.weight + pull)
+        if not np.isfinite(mean).all() or not np.isfinite(square[new]).all():
             self.rolled_back += 1
             return
         self.precision, self.pull, self.mean = precision, pull, mean
-        self.squares = faded * self.squares + np.where(truth.known, square, 0).sum(axis=0)
-        self.count = faded * self.count + truth.known.sum(axis=0)
+        self.squares = faded * self.squares + np.where(new, square, 0).sum(axis=0)
+        self.count = faded * self.count + new.sum(axis=0)
+
+    def _told_before(self, truth: Truth) -> np.ndarray:
+        """What was known [A, 12] of the same scenes when they were told before; this truth is remembered."""
+        seen, before = truth.observation, np.zeros_like(truth.known)
+        for first, last in itertools.pairwise(seen.scene):
+            key = seen.agent[first:last].tobytes() + seen.history[first:last].tobytes()
+            before[first:last] = self.told.pop(key, False)
+            self.told[key] = truth.known[first:last] | before[first:last]
+        while len(self.told) > KEPT:
+            self.told.popitem(last=False)
+        return before
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres: the mean first, then samples of the predictive distribution."""
@@ -147,3 +163,11 @@ class Kalman(Adapter):
         """Phi' P phi of each agent and step: [A, 12]."""
         spread = np.linalg.inv(self.ridge * np.eye(layer.inputs.shape[1]) + (self.precision if self.mean.size else 0))
         return layer.by_step(np.einsum("rc,cd,rd->r", layer.inputs, spread, layer.inputs, optimize=True))
+
+
+def _solved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The solution of a x = b; NaN where there is none."""
+    try:
+        return np.linalg.solve(a, b)
+    except np.linalg.LinAlgError:
+        return np.full_like(b, np.nan)
