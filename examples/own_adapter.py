@@ -33,7 +33,9 @@ class Stretch:
         return (last + self.factor * (forecast - last)).astype(np.float32)
 
     def observe(self, truth):
-        """Learn, after the forecast was scored; people may have left before the last step."""
+        """Learn, after the forecast was scored; people may have left before the last step, or at once."""
+        if not truth.known.any():
+            return
         last = truth.observation.xy[:, -1:]
         way = (self.inner.predict(truth.observation).positions[:, 0] - last)[truth.known]
         went = (truth.future - last)[truth.known]
