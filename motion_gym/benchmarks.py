@@ -281,7 +281,7 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             references=REFERENCES,
         ),
         _styles(
-            "The same by the published protocol",
+            "Refinement by the published protocol",
             ("modular_invariant", "refine", *REFINED),
             "style",
             plain=("constant_velocity",),
@@ -303,7 +303,7 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             "style",
         ),
         _shots(
-            "The same by the published protocol",
+            "Low-shot transfer to d = 0.6 by the published protocol",
             0.6,
             range(7),
             ("modular_invariant", "refine", *(f"transfer:parts={parts}" for parts in TUNED), "refine:of=transfer"),
