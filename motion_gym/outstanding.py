@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import FUTURE, DataError, Forecast, Observation, PredictorError, Truth
+from motion_gym.harness import frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,20 +45,22 @@ class Outstanding:
         """The scenes that wait, oldest first."""
         return iter(list(self._stored.values()))
 
-    def store(self, made: int, observation: Observation, forecast: Forecast) -> None:
-        """Keep the forecast of a scene.
+    def store(self, made: int, observation: Observation, forecast: Forecast | np.ndarray) -> None:
+        """Keep a copy of the forecast of a scene, or of its positions [A, K, 12, 2] alone.
 
         Raises:
             PredictorError: one was stored for this time already, or it is not of the agents observed.
         """
         if made in self._stored:
             raise PredictorError(f"A forecast made at {made} is stored already: a time is forecast once.")
-        if len(forecast.positions) != len(observation):
+        said = forecast if isinstance(forecast, Forecast) else Forecast(forecast)
+        if len(said.positions) != len(observation):
             raise PredictorError(
-                f"The forecast made at {made} is of {len(forecast.positions)} agents, and {len(observation)} are "
+                f"The forecast made at {made} is of {len(said.positions)} agents, and {len(observation)} are "
                 "observed: forecast each of them."
             )
-        self._stored[made] = Stored(made, observation, forecast)
+        # Copies, so that whoever made them can change nothing later.
+        self._stored[made] = Stored(made, frozen(observation), copy.deepcopy(said))
 
     def settle(self, made: int, future: Any, known: Any) -> tuple[Forecast, Truth]:
         """The stored forecast of a time and its truth, when all that will be known of it is known; it waits no more.
@@ -79,7 +83,8 @@ class Outstanding:
             raise DataError(f"Truth was told of a forecast made at {made}, and none is stored of that time ({there}).")
         stored = self._stored[made]
         agents = len(stored.observation)
-        future, known = np.array(future, np.float32), np.array(known, bool)
+        with np.errstate(over="ignore"):  # which is not finite, and said below
+            future, known = np.array(future, np.float32), np.array(known, bool)
         if future.shape != (agents, FUTURE, 2) or known.shape != (agents, FUTURE):
             raise DataError(
                 f"The truth of the forecast made at {made} has shapes {future.shape} and {known.shape}, expected "
