@@ -11,7 +11,7 @@ import torch
 from machine import machine
 
 import motion_gym
-from motion_gym import benchmarks
+from motion_gym import training_plans
 from motion_gym.predictors.stgat import Erm
 from motion_gym.predictors.stgat_network import DECODER, GRAPH, TRAJECTORY
 
@@ -55,7 +55,7 @@ def epochs(seeds: int, device: str = "cpu", repeats: int = 3) -> dict[int, float
 
 
 if __name__ == "__main__":
-    DATA = benchmarks.training("spurious").data()
+    DATA = training_plans.training("spurious").data()
     sizes = np.concatenate([np.diff(truth.observation.scene) for truth in DATA[0]])
     print(f"STGAT, eth split, {len(sizes)} scenes, {sizes.sum()} agent-windows, 64 scenes a step. {machine()}")
     print(

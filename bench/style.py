@@ -7,7 +7,7 @@ import torch
 from machine import machine
 
 import motion_gym
-from motion_gym import benchmarks
+from motion_gym import benchmarks, training_plans
 from motion_gym.predictors.ego import EgoModular
 from motion_gym.predictors.modular import ModularInvariant, StyleErm
 from motion_gym.predictors.refine import Refine
@@ -32,7 +32,7 @@ def timed(job: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    DATA = benchmarks.training("style").data()
+    DATA = training_plans.training("style").data()
     print(f"Style shifts, 3 x 9000 scenes. {machine()}; torch {torch.__version__}, {torch.get_num_threads()} threads")
     for kind, whole, released in (
         (StyleErm, StyleErm.epochs, "230 s for one seed"),

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 from rich.markup import escape
 
-from motion_gym import benchmarks, catalog, report
+from motion_gym import benchmarks, catalog, report, training_plans
 from motion_gym.cli_output import progress_bar, say
 from motion_gym.contract import SpecError
 from motion_gym.storage import check_writable
@@ -50,7 +50,7 @@ def train(
         raise SpecError(f"`{predictor}` is not trained in epochs: there is nothing to train. See `motion-gym ls`.")
     from motion_gym import weight_files  # needs torch, as what is trained does
 
-    plan = benchmarks.training(benchmark)
+    plan = training_plans.training(benchmark)
     path = out / benchmark / weight_files.file_name(made.name)
     checkpoint = path.with_suffix(".checkpoint")
     for there in (checkpoint, path):

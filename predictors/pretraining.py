@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym import benchmarks, catalog, training
+from motion_gym import benchmarks, catalog, training, training_plans
 from motion_gym.predictors import pair_network
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.pair_network import Pairs
@@ -32,7 +32,7 @@ class Watched(StyleProgram):
     """The training of ``modular``, watched after each epoch of the last stage."""
 
     def __init__(self, epochs: Sequence[int]):
-        plan = benchmarks.training("style")
+        plan = training_plans.training("style")
         made = Modular()
         super().__init__(*plan.data(), made.objective, Schedule(tuple(epochs)), torch.device("cpu"), {})
         places = [catalog.domain(spec) for spec in WATCHED]

@@ -5,10 +5,11 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from motion_gym import adaptation_report, benchmark_report, benchmarks, pretraining_report, seed_tables
-from motion_gym.benchmarks import BENCHMARKS, TRIED, TUNED, Part, Training
+from motion_gym import adaptation_report, benchmark_report, benchmarks, pretraining_report, seed_tables, training_plans
+from motion_gym.benchmarks import BENCHMARKS, TRIED, TUNED, Part
 from motion_gym.predictors import pretraining, transfer
 from motion_gym.predictors.transfer_training import PARTS
+from motion_gym.training_plans import Training
 
 CROWD = "orca:d=0.6,scenes=200"
 SHOTS = Part(
@@ -74,7 +75,7 @@ def test_two_agents_are_drawn_the_same_each_time(tmp_path):
 
 def test_pretraining_is_watched_and_kept(tmp_path, monkeypatch):
     small = Training("orca:d=0.4,scenes=200")
-    monkeypatch.setattr(benchmarks, "training", lambda name: small)
+    monkeypatch.setattr(training_plans, "training", lambda name: small)
     monkeypatch.setattr(pretraining, "WATCHED", ("orca:d=0.1,scenes=200", "orca:d=0.7,scenes=200"))
     monkeypatch.setattr(pretraining, "VARIANTS", {"pre-trained": (1, 1, 1, 3), "not pre-trained": (1, 0, 1, 3)})
     monkeypatch.setattr(pretraining_report, "EPOCHS", (1, 3))

@@ -6,7 +6,15 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from motion_gym import benchmark_report, benchmarks, catalog, seed_tables, source_selection, weight_files
+from motion_gym import (
+    benchmark_report,
+    benchmarks,
+    catalog,
+    seed_tables,
+    source_selection,
+    training_plans,
+    weight_files,
+)
 from motion_gym.benchmarks import BENCHMARKS, Part
 from motion_gym.contract import DataError, PredictorError, SpecError
 from motion_gym.metrics import score
@@ -33,9 +41,9 @@ def small(eth_ucy, tmp_path_factory):
     return folder, found
 
 
-@pytest.mark.parametrize("name", benchmarks.trainings())
+@pytest.mark.parametrize("name", training_plans.trainings())
 def test_every_training_has_data(eth_ucy, name):
-    train, validation = benchmarks.training(name).data()
+    train, validation = training_plans.training(name).data()
     assert len(train) == len(validation) >= 2
     assert all(len(truth.future) for truth in train)
     if name == "spurious/crossed":
@@ -51,12 +59,12 @@ def test_every_row_is_a_predictor_and_every_column_a_domain():
                 assert getattr(made, "name", row) == row or isinstance(made, Transfer)
             for spec in part.domains.values():
                 catalog.domain(spec)
-            assert not part.trained or part.weights in benchmarks.trainings()
+            assert not part.trained or part.weights in training_plans.trainings()
 
 
 def test_unknown_names_are_refused(tmp_path):
     with pytest.raises(SpecError, match="Did you mean `spurious`"):
-        benchmarks.training("spurios")
+        training_plans.training("spurios")
     with pytest.raises(SpecError, match="no benchmark `spurios`"):
         benchmarks.run("spurios", tmp_path)
 
@@ -147,7 +155,7 @@ def test_relative_sigma_is_chosen_on_the_sources_alone(eth_ucy):
 def test_shipped_weights_forecast_better_than_standing_still(path, eth_ucy):
     _, card = weight_files.read(path)
     assert card["seeds"] == [0, 1, 2, 3, 4] and "validation windows of the sources" in card["selection"]
-    plan = benchmarks.training(path.parent.relative_to(weight_files.SHIPPED).as_posix())
+    plan = training_plans.training(path.parent.relative_to(weight_files.SHIPPED).as_posix())
     train, validation = plan.data()
     # What they were trained and selected on is the data that is here.
     for name, truths in (("train", train), ("validation", validation)):
