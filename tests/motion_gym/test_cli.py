@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from motion_gym import benchmarks, catalog, datasets
+from motion_gym import benchmarks, catalog, datasets, training_plans
 from motion_gym.cli import main
 from motion_gym.metrics import METRICS
 from motion_gym.storage import data_folder
@@ -409,8 +409,8 @@ def test_help_names_every_command_and_option(capsys):
 @pytest.fixture
 def small_training(monkeypatch):
     """A benchmark that is trained for in seconds, on simulated crowds."""
-    small = benchmarks.Training("orca:scenes=70", options={"epochs": (1, 1, 2)})
-    monkeypatch.setattr(benchmarks, "trainings", lambda: {"small": small})
+    small = training_plans.Training("orca:scenes=70", options={"epochs": (1, 1, 2)})
+    monkeypatch.setattr(training_plans, "trainings", lambda: {"small": small})
 
 
 def test_train_then_score(small_training, capsys):
