@@ -42,7 +42,7 @@ results: $(VENV)/.ready
 	rm -rf $(ROOT)results
 	cd $(ROOT) && $(BIN)/motion-gym baselines --out results/baselines && \
 	  $(BIN)/motion-gym table results/baselines --into README.md && \
-	  for name in spurious original style transfer refinement pretraining online; do \
+	  for name in spurious original style crowd transfer refinement pretraining online; do \
 	    $(BIN)/motion-gym run $$name --into README.md || exit 1; \
 	  done
 

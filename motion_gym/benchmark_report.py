@@ -63,6 +63,12 @@ def _style(found: Found, folder: Path, report: Report) -> tuple[list[str], list[
     return texts, [path, curves]
 
 
+def _crowd(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
+    path = folder / "ade.svg"
+    figures.error_over(*found[0], "ADE", path, "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
+    return [style_report.claims(found, style_report.CROWD_CLAIMS)], [path]
+
+
 def _transfer(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
     texts = [
         style_report.claims(found, adaptation_report.TRANSFER_CLAIMS, "batches"),
@@ -97,6 +103,7 @@ REPORTS: dict[str, Callable[[Found, Path, Report], tuple[list[str], list[Path]]]
     "spurious": _spurious,
     "original": _original,
     "style": _style,
+    "crowd": _crowd,
     "transfer": _transfer,
     "refinement": _refinement,
     "pretraining": _pretraining,

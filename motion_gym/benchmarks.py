@@ -193,8 +193,10 @@ BENCHMARKS: dict[str, tuple[Part, ...]] = {
             ("constant_velocity", "linear", "orca_oracle"),
             references=REFERENCES,
         ),
+    ),
+    "crowd": (
         _styles(
-            "Crowds of ten agents on the circle",
+            "Crowds of ten agents on the circle: trained with d = 0.1, 0.3, 0.5",
             ("erm_no_sigma", "modular_stgat"),
             "style/crowd",
             ",agents=10,scenes=1000",

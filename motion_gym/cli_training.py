@@ -94,8 +94,8 @@ def run(
     Writes OUT/BENCHMARK/: one JSON file per run (a run that is there already is not run again), tables.md and figures.
 
     Args:
-        benchmark: spurious, original, style, transfer, refinement, pretraining (which trains, for some minutes) or
-            online (an hour on two cores).
+        benchmark: spurious, original, style, crowd, transfer, refinement, pretraining (which trains, for some minutes)
+            or online (an hour on two cores).
         out: Folder of all results.
         into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the short table into.
     """
