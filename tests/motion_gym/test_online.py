@@ -1,17 +1,11 @@
-"""Evaluation on streams: what is told when, that nothing is scored by what was learned from it, and what is refused."""
+"""Evaluation on streams: the totals, what is told when, what is forgotten, what an update costs, what is refused."""
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import dataclasses
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,158 +24,12 @@ from motion_gym.streams import Segment, Stream, stream
 from motion_gym.windows import pick_scenes, stack
 from tests.bias import Bias
 from tests.street import Street
+from tests.taped import Taped, alike, fitted_linear
 
 CROWD = "orca:d=0.3,scenes=6"
 STREET = Street(frames=140)
 SOURCE = "modular_invariant"
-STGAT = "erm_no_sigma:weights=original/zara2"
 PLAIN = "constant_velocity"
-FOR_STGAT = [
-    ("none", "matured"),
-    ("finetune:every=6,least=4", "matured"),
-    ("finetune:every=6,least=4", "stepwise"),
-    ("ema_anchor:every=3", "matured"),
-    ("kalman", "matured"),
-    ("kalman", "stepwise"),
-    ("ekf:every=6,least=6,agents=2", "matured"),
-]
-
-
-class Tape:
-    """What was forecast and told; copies of whoever writes on it write on the same one."""
-
-    def __init__(self):
-        self.forecasts, self.told = [], []
-
-    def __deepcopy__(self, memo):
-        return self
-
-
-class Taped:
-    """An adapter whose forecasts, and what it is told before each, are written down."""
-
-    def __init__(self, inner):
-        self.inner, self.tape = inner, Tape()
-
-    def __getattr__(self, name):
-        if name.startswith("__") or name in ("inner", "tape"):
-            raise AttributeError(name)
-        return getattr(self.inner, name)
-
-    def predict(self, observation, samples=1, seed=0):
-        forecast = self.inner.predict(observation, samples, seed)
-        self.tape.forecasts.append((observation.history.copy(), np.array(getattr(forecast, "positions", forecast))))
-        return forecast
-
-    def observe(self, truth):
-        self.tape.told.append((len(self.tape.forecasts), truth))
-        self.inner.observe(truth)
-
-
-class Otherwise:
-    """A domain whose positions are others after a listed frame, and whose people also leave, if they may."""
-
-    def __init__(self, place, after, leave):
-        self.place, self.after, self.leave = catalog.domain(place), after, leave
-        self.windows, self.reference, self.history = self.place.windows, self.place.reference, self.place.history
-
-    @property
-    def card(self):
-        return self.place.card
-
-    def recordings(self, split):
-        (recording,) = self.place.recordings(split)
-        tick = np.unique(recording.frame, return_inverse=True)[1].reshape(-1)
-        rng = np.random.default_rng(self.after)
-        xy = np.where((tick > self.after)[:, None], recording.xy + rng.normal(0, 3, recording.xy.shape), recording.xy)
-        keep = (tick <= self.after) | (rng.random(recording.agent.max() + 1)[recording.agent] > 0.5 * self.leave)
-        columns = {"frame": recording.frame[keep], "agent": recording.agent[keep], "xy": xy[keep]}
-        return [mg.Recording(**columns, dt=recording.dt)]
-
-
-def seen_before(make, place, frames, after, leave=False, **options):
-    """What differs up to ``after`` between two worlds that are the same until then, and how much there was to see."""
-    tapes, cards, times = [], [], []
-    for world in (catalog.domain(place), Otherwise(place, after, leave)):
-        taped, played = Taped(make(world)), Stream([Segment(world, 0, frames)])
-        cards.append(evaluate_online(taped, played, **options))
-        tapes.append(taped.tape)
-        times.append(played.clock.times)
-    until = int((times[0] <= after).sum())
-    found = []
-    for number, (one, other) in enumerate(zip(*(t.forecasts[:until] for t in tapes), strict=True)):
-        assert times[0][number] == times[1][number] and np.array_equal(one[0], other[0])
-        if not np.array_equal(one[1], other[1]):
-            found.append(f"forecast at {times[0][number]}")
-    scored = [
-        {(made, value) for made, value in zip(c.made, c.values, strict=True) if made <= after - 12} for c in cards
-    ]
-    if scored[0] != scored[1]:
-        found.append("scores")
-    told = sum(index < until for index, _ in tapes[0].told)
-    return found, {"told": told, "scored": len(scored[0]), "later": tapes[0].forecasts[-1], "card": cards[0]}
-
-
-@pytest.mark.parametrize("adapter", catalog.ADAPTERS)
-def test_no_forecast_or_score_depends_on_truth_that_comes_later(adapter):
-    def make(world):
-        return catalog.adapter("refine:steps=1" if adapter == "refine" else adapter, SOURCE)
-
-    found, there = seen_before(make, CROWD, 120, 90)
-    assert found == []
-    assert there["told"] > 4 and there["scored"] == 8 and (there["card"].updates > 0) == (adapter != "none")
-
-
-@pytest.mark.parametrize(("adapter", "labels"), FOR_STGAT)
-def test_nor_does_one_of_stgat_where_people_come_and_go(eth_ucy, adapter, labels):
-    def make(world):
-        return catalog.adapter(adapter, STGAT)
-
-    found, there = seen_before(make, "hotel", 72, 56, leave=True, labels=labels)
-    assert found == []
-    assert there["told"] > 10 and there["scored"] > 10 and (there["card"].updates > 2) == (adapter != "none")
-
-
-@pytest.mark.parametrize("labels", online.LABELS)
-@pytest.mark.parametrize(("adapter", "scope"), [("kalman", "stream"), *((Bias, scope) for scope in online.SCOPES)])
-def test_nor_does_a_linear_one(linear, adapter, labels, scope):
-    def make(world):
-        return catalog.adapter(adapter, linear)
-
-    found, there = seen_before(make, STREET, 140, 90, leave=True, labels=labels, scope=scope)
-    assert found == []
-    assert there["told"] > 50 and there["scored"] > 50 and there["card"].updates > 50
-
-
-class Foresees(Bias):
-    """Learns from a scene's own truth before it forecasts it, though it changes nothing that it holds."""
-
-    def __init__(self, of, world, frames):
-        super().__init__(of)
-        clock = Stream([Segment(world, 0, frames)]).clock
-        truths = [clock.truth_at(at) for at in range(len(clock.times))]
-        self.truths = {truth.observation.history.tobytes(): truth for truth in truths}
-
-    def predict(self, observation, samples=1, seed=0):
-        learned = copy.copy(self)
-        learned.errors = copy.copy(self.errors)
-        learned.observe(self.truths[observation.history.tobytes()])
-        return Bias.predict(learned, observation, samples, seed)
-
-
-def test_whoever_learns_from_a_scene_before_it_is_scored_is_found():
-    def make(world):
-        return Foresees(mg.predictor(PLAIN), world, 140)
-
-    found, _ = seen_before(make, STREET, 140, 90)
-    assert {"forecast at 89", "forecast at 90"} <= set(found) and "forecast at 77" not in found
-
-
-@pytest.fixture(scope="module")
-def linear():
-    made = mg.predictor("linear")
-    scenes = mg.domain(CROWD).windows("train")
-    return made.fit([scenes], [scenes], 0)
 
 
 def assert_same_totals(card, offline):
@@ -274,9 +122,9 @@ def test_the_truth_that_is_told_is_what_happened():
 
 
 @pytest.mark.parametrize("adapter", ["kalman", Bias])
-def test_a_place_begins_as_if_nothing_was_before(linear, adapter):
+def test_a_place_begins_as_if_nothing_was_before(adapter):
     parts = [Segment(STREET, 0, 70), Segment(Street(seed=1), 200, 270)]
-    made = catalog.adapter(adapter, linear)
+    made = catalog.adapter(adapter, fitted_linear())
     for labels in online.LABELS:
         alone = [evaluate_online(made, Stream([part]), labels=labels).values for part in parts]
         both = evaluate_online(made, Stream(parts), labels=labels, scope="place")
@@ -383,107 +231,16 @@ def test_an_update_is_of_use_when_it_is_done_and_what_came_meanwhile_is_lost(cos
     assert card.skipped == lost and card.updates == len(told) - lost
 
 
-def test_a_declared_cost_repeats_exactly_and_one_that_never_ends_learns_nothing(linear):
-    made = catalog.adapter("kalman", linear)
+def test_a_declared_cost_repeats_exactly_and_one_that_never_ends_learns_nothing():
+    made = catalog.adapter("kalman", fitted_linear())
     one, two = (evaluate_online(made, STREET, realtime=True, cost=0.9) for _ in range(2))
     assert alike(one) == alike(two) and one.skipped > 0
     never = evaluate_online(made, STREET, realtime=True, cost=1e9)
-    np.testing.assert_array_equal(never.values, evaluate_online(catalog.adapter("none", linear), STREET).values)
+    np.testing.assert_array_equal(
+        never.values, evaluate_online(catalog.adapter("none", fitted_linear()), STREET).values
+    )
     measured = evaluate_online(made, STREET, realtime=True)
     assert measured.cost is None and 0 < measured.update_seconds[0] <= measured.update_seconds[1]
-
-
-def alike(card):
-    """All of a card that is the same for the same run."""
-    plain = card.as_dict()
-    for key in ("update_seconds", "tick_seconds", "peak_memory"):
-        del plain[key]
-    return json.dumps(plain), card.values.tobytes(), card.made.tobytes()
-
-
-class Stopped(Exception):
-    pass
-
-
-@pytest.mark.parametrize(
-    ("adapter", "of", "options"),
-    [
-        ("kalman", None, {"labels": "stepwise"}),
-        ("kalman", None, {"scope": "place", "realtime": True, "cost": 1.3}),
-        (Bias, PLAIN, {"scope": "agent"}),
-        ("finetune", SOURCE, {}),
-    ],
-)
-def test_a_run_that_was_stopped_goes_on_to_the_same_result(tmp_path, monkeypatch, linear, adapter, of, options):
-    monkeypatch.setattr(online, "SAVED_EVERY", 0.0)
-    path, stops, made = tmp_path / "run.checkpoint", [], catalog.adapter(adapter, of or linear)
-    on = CROWD if of == SOURCE else stream([STREET, Street(frames=140, seed=1)], "recurring", 60)
-
-    def stop(done, of, what):
-        assert done >= max(stops, default=0)
-        if done > max(stops, default=0):
-            stops.append(done)
-            raise Stopped
-
-    whole, again = evaluate_online(made, on, **options), None
-    while again is None:
-        with contextlib.suppress(Stopped):
-            again = evaluate_online(made, on, checkpoint=path, report=stop, **options)
-    assert alike(again) == alike(whole) and not path.exists()
-    assert stops == list(range(50, len(times_of(on)), 50))
-
-
-def times_of(on):
-    return (on if isinstance(on, Stream) else stream(on)).clock.times
-
-
-KILLED = """
-import os, signal, sys
-from motion_gym import catalog, online
-online.SAVED_EVERY = 0.0
-def report(done, of, what):
-    if done:
-        os.kill(os.getpid(), signal.SIGKILL)
-path, adapter, of, on = sys.argv[1:]
-online.evaluate_online(catalog.adapter(adapter, of), on, checkpoint=online.Path(path), report=report)
-"""
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL on this system")
-def test_a_run_that_was_killed_goes_on_to_the_same_result(tmp_path):
-    path = tmp_path / "run.checkpoint"
-    names, begun = ("tests.bias:Bias", PLAIN, "tests.street:Street:frames=140"), []
-    root = Path(__file__).resolve().parents[2]
-    arguments = [sys.executable, "-c", KILLED, str(path), *names]
-    done = subprocess.run(arguments, cwd=root, env={**os.environ}, capture_output=True, timeout=100, check=False)
-    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
-    made, on = catalog.adapter(*names[:2]), names[2]
-    again = evaluate_online(made, on, checkpoint=path, report=lambda done, *_: begun.append(done))
-    assert begun[0] > 0 and alike(again) == alike(evaluate_online(made, on))
-
-
-def test_a_checkpoint_of_another_run_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(online, "SAVED_EVERY", 0.0)
-    path, made = Path(tmp_path / "run.checkpoint"), Bias(mg.predictor(PLAIN))
-
-    def stop(done, of, what):
-        if done:
-            raise Stopped
-
-    def run(predictor=made, on=None, **options):
-        part = stream(STREET) if on is None else on
-        evaluate_online(predictor, part, checkpoint=path, report=stop, **options)
-
-    first, second = (Stream([Segment(STREET, start, start + 70)]) for start in (0, 70))
-    with pytest.raises(Stopped):
-        run(on=first)
-    others = [{"on": second}, {"on": first, "labels": "stepwise"}, {"on": first, "realtime": True, "cost": 1.0}]
-    for other in [*others, {"on": first, "predictor": Bias(mg.predictor(PLAIN), 0.1)}, {"on": first, "seed": 1}]:
-        with pytest.raises(SpecError, match="is the checkpoint of another run: delete it, or choose another file"):
-            run(**other)
-    path.write_bytes(b"nothing")
-    with pytest.raises(SpecError, match=r"is no checkpoint of an online run \(.*\): delete it"):
-        run(on=first)
 
 
 class LearnsWhenAsked(Bias):
@@ -500,8 +257,8 @@ def test_whoever_learns_when_asked_is_found(scope):
         evaluate_online(LearnsWhenAsked(mg.predictor(PLAIN)), STREET, scope=scope)
 
 
-def test_what_was_given_stays_as_it_was(linear):
-    made = catalog.adapter("kalman", linear)
+def test_what_was_given_stays_as_it_was():
+    made = catalog.adapter("kalman", fitted_linear())
     made.observe(mg.domain(CROWD).windows("train"))
     before = snapshot(made)
     evaluate_online(made, STREET)
@@ -563,9 +320,9 @@ def test_a_card_says_what_came_out_by_segment_and_over_time():
     assert f"over {len(card.values)} matured forecasts ({card.censored} censored)" in str(card)
 
 
-def test_a_loop_of_ones_own_gives_the_same(linear):
+def test_a_loop_of_ones_own_gives_the_same():
     """Outstanding and an adapter, driven by hand over a stream."""
-    made, played, errors = catalog.adapter("kalman", linear), stream(STREET), []
+    made, played, errors = catalog.adapter("kalman", fitted_linear()), stream(STREET), []
     waiting, truths = mg.Outstanding(), {}
     for at, now in enumerate(played.clock.times.tolist()):
         due = [s.made for s in waiting if s.made + min(12, int(truths[s.made].known.sum(axis=1).max()) + 1) <= now]
@@ -576,6 +333,6 @@ def test_a_loop_of_ones_own_gives_the_same(linear):
             made.observe(stack([truth for _, truth in settled]))
         truths[now] = played.clock.truth_at(at)
         waiting.store(now, truths[now].observation, made.predict(truths[now].observation))
-    card = evaluate_online(catalog.adapter("kalman", linear), STREET)
+    card = evaluate_online(catalog.adapter("kalman", fitted_linear()), STREET)
     np.testing.assert_array_equal(card.values[: len(errors)], errors)
     assert len(errors) > 100

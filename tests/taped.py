@@ -1,0 +1,54 @@
+"""For tests of online evaluation: a tape of what was forecast and told, and what is the same of two runs."""
+
+import functools
+import json
+
+import numpy as np
+
+import motion_gym
+
+
+class Tape:
+    """What was forecast and told; copies of whoever writes on it write on the same one."""
+
+    def __init__(self):
+        self.forecasts, self.told = [], []
+
+    def __deepcopy__(self, memo):
+        return self
+
+
+class Taped:
+    """An adapter whose forecasts, and what it is told before each, are written down."""
+
+    def __init__(self, inner):
+        self.inner, self.tape = inner, Tape()
+
+    def __getattr__(self, name):
+        if name.startswith("__") or name in ("inner", "tape"):
+            raise AttributeError(name)
+        return getattr(self.inner, name)
+
+    def predict(self, observation, samples=1, seed=0):
+        forecast = self.inner.predict(observation, samples, seed)
+        self.tape.forecasts.append((observation.history.copy(), np.array(getattr(forecast, "positions", forecast))))
+        return forecast
+
+    def observe(self, truth):
+        self.tape.told.append((len(self.tape.forecasts), truth))
+        self.inner.observe(truth)
+
+
+@functools.cache
+def fitted_linear():
+    """The linear predictor, fitted to a small crowd."""
+    scenes = motion_gym.domain("orca:d=0.3,scenes=6").windows("train")
+    return motion_gym.predictor("linear").fit([scenes], [scenes], 0)
+
+
+def alike(card):
+    """All of a card that is the same for the same run."""
+    plain = card.as_dict()
+    for key in ("update_seconds", "tick_seconds", "peak_memory"):
+        del plain[key]
+    return json.dumps(plain), card.values.tobytes(), card.made.tobytes()
