@@ -81,12 +81,16 @@ class LastLayer:
         def outputs(future: np.ndarray) -> np.ndarray:
             return np.diff(np.concatenate([last, future], axis=1), axis=1).reshape(-1, 2 * moves)
 
+        def by_row(known: np.ndarray) -> np.ndarray:
+            ends = known[:, :1], known[:, 1:] & known[:, :-1]  # of each displacement
+            return np.asarray(np.concatenate(ends, axis=1).reshape(-1, moves).all(axis=1))
+
         return cls(
             np.concatenate([inputs, np.ones((len(inputs), 1))], axis=1),
             weight,
             positions,
             outputs,
-            lambda known: np.asarray(known.reshape(-1, moves).all(axis=1)),
+            by_row,
             lambda values: np.repeat(values, moves).reshape(-1, FUTURE),
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
@@ -114,7 +115,7 @@ class Finetune(Adapter):
         free = {name: begun[name].detach().clone().requires_grad_() for name in self.tuned}
         optimiser = OPTIMISERS[self.optimiser](list(free.values()), lr=min(self.rate, MOST_RATE))
         if self.state:
-            optimiser.load_state_dict(self.state)
+            optimiser.load_state_dict(copy.deepcopy(self.state))  # which it would change, even if that is taken back
         rng = np.random.default_rng([self.updates, self.rolled_back])
         self.updates += 1
         with torch.enable_grad():
