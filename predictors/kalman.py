@@ -105,11 +105,12 @@ class Kalman(Adapter):
         layer = self._layer(truth.observation)
         before = self._told_before(truth)
         counted = layer.by_row(before)
-        rows, new = layer.by_row(truth.known) & ~counted, truth.known & ~before
+        rows = layer.by_row(truth.known) & ~counted
         if not rows.any():
             return
         index, scenes = truth.observation.scene_index, truth.observation.scenes
-        adds, added = (np.bincount(index, layer.by_step(r * 1.0).any(axis=1), scenes) > 0 for r in (rows, counted))
+        new, old = (layer.by_step(which * 1.0) > 0 for which in (rows, counted))
+        adds, added = (np.bincount(index, steps.any(axis=1), scenes) > 0 for steps in (new, old))
         faded = self.forgetting ** int((adds & ~added).sum())
         x, y = layer.inputs[rows], layer.outputs(truth.future.astype(np.float64))[rows]
         if not len(self.precision):
