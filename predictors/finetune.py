@@ -30,7 +30,7 @@ class Finetune(Adapter):
     What is minimised is the mean distance of the forecast positions from the true ones over all points that are known,
     metres: censored forecasts, and labels that come step by step, count as far as they go. A scene that is told again
     with more of its steps known replaces what was remembered of it. Where the style encoder is tuned, the style of a
-    step is the mean code of its own scenes.
+    step is the mean code of its own scenes, unless a style is never read.
 
     Args:
         of: Name of a predictor of the STGAT or modular family, or such a predictor; a copy of it is used.
@@ -154,7 +154,7 @@ class Finetune(Adapter):
     def loss(self, truth: Truth, weights: dict[str, Tensor]) -> Tensor:
         """Mean distance over all known points, metres, by weights [1, ...]."""
         shown = None
-        if "style" in self.inner.parts.get(self.parts, ()):
+        if self.memory and "style" in self.inner.parts.get(self.parts, ()):
             shown = self.inner.whole_scenes(truth)
         offsets = self.inner.offsets(truth.observation, weights, 0, shown)[0]
         target = torch.from_numpy(truth.future - truth.observation.xy[:, -1:])
