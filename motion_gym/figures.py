@@ -19,8 +19,8 @@ from motion_gym.seed_tables import over_seeds
 from motion_gym.storage import write_atomic
 from motion_gym.windows import pick_scenes
 
-MOST_MARKED = 10
-"""Segments up to which their beginnings are marked."""
+MARKED = 0.1
+"""Share of a stream from which on the beginning of a segment is marked."""
 SCENE_ALPHAS = (1, 8, 64)
 """Alphas of the figure of one scene."""
 
@@ -105,9 +105,8 @@ def over_time(panels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]], p
             at = np.linspace(first, last, 200)
             mean = np.mean([np.interp(at, c[:, 0], c[:, 1]) for c in curves], axis=0)
             axes.plot(at, mean, "--" if row == "constant_velocity" else "-", color=color, label=row, linewidth=1.3)
-        segments = next(iter(rows.values()))[0]["segments"]
-        if len(segments) <= MOST_MARKED:
-            for segment in segments:
+        for segment in next(iter(rows.values()))[0]["segments"]:
+            if segment["stop"] - segment["start"] > MARKED * axes.get_xlim()[1]:
                 axes.axvline(segment["start"], color="0.7", linewidth=0.8)
                 place = (segment["start"], 0.97)
                 axes.annotate(segment["domain"], place, xycoords=("data", "axes fraction"), fontsize=7, va="top")

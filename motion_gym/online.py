@@ -306,7 +306,7 @@ def _card(
         segments=segments,
         curve=curve_of(ade, made * played.dt),
         shifts=shifts_of(ade, segment, settled * played.dt, played.labels, starts),
-        returns=returns_of(ade, segment, played.labels),
+        returns=returns_of([(s.domain, s.ade.mean, s.ade.agent_windows) for s in segments]),
         updates=int(run.updates.sum()),
         rolled_back=run.rolled_back,
         skipped=run.skipped,

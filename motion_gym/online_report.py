@@ -11,7 +11,7 @@ import numpy as np
 from motion_gym import online_benchmark
 from motion_gym.online import LABELS, Report
 from motion_gym.online_benchmark import BASELINE, NONE, ORACLE, SHIFTS, Found
-from motion_gym.online_score import EVERY, TRAIL, after_first, gain, recovery
+from motion_gym.online_score import EVERY, TRAIL, after_first, gain, recovery, returns_of
 from motion_gym.report import number
 from motion_gym.seed_tables import spread
 
@@ -26,10 +26,11 @@ COLUMNS = (
     "updates",
     "ms per update",
     "ms per step",
-    "MB",
 )
-MILESTONES = (50, 100, 150, 200, 300)
+MILESTONES = (50, 100, 150, 200, 250, 300)
 """Matured forecasts after a shift."""
+FEW, MANY = "finetune:parts=modulator", "finetune:parts=all"
+"""Rows of which the first one is claimed to need fewer labels."""
 
 
 def table(rows: Mapping[str, Sequence[Result]], settings: Mapping[str, str]) -> list[str]:
@@ -51,7 +52,7 @@ def cells_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence
     """Cells of a row, behind its name."""
     ade = np.array([r["ade"]["mean"] for r in results])
     after = np.array([after_first(r) for r in results])
-    gains = gains_of(results, none, oracle)
+    share = gain_of(results, none, oracle)
     update = np.median([r["update_seconds"] for r in results], axis=0) * 1000
     tick = np.median([r["tick_seconds"][1] for r in results]) * 1000
     rolled = sum(r["rolled_back"] for r in results)
@@ -60,13 +61,12 @@ def cells_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence
     return [
         spread(ade),
         spread(after),
-        "-" if gains is None else spread(gains),
+        "-" if share is None else f"{share:.2f}",
         recovered(results, oracle),
         returned(results),
         updates,
         f"{update[0]:.1f} / {update[1]:.1f}" if results[0]["updates"] else "-",
         f"{tick:.1f}",
-        f"{np.max([r['peak_memory'] for r in results]) / 2**20:.0f}",
     ]
 
 
@@ -77,13 +77,12 @@ def on_domain(result: Result, domain: str) -> str:
     return number(sum(ade["mean"] * ade["agent_windows"] for ade in own) / total if total else None)
 
 
-def gains_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[Result] | None) -> np.ndarray | None:
-    """Adaptation gain of each seed, over the segments after the first one; None without an oracle that is better."""
+def gain_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[Result] | None) -> float | None:
+    """Adaptation gain over the segments after the first one, of means over seeds; None without a better oracle."""
     if oracle is None:
         return None
-    triples = zip(results, none, oracle, strict=True)
-    found = np.array([gain(after_first(n), after_first(r), after_first(o)) for r, n, o in triples])
-    return None if np.isnan(found).any() else found
+    found = gain(*(float(np.mean([after_first(r) for r in rows])) for rows in (none, results, oracle)))
+    return None if np.isnan(found) else found
 
 
 def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str:
@@ -104,8 +103,9 @@ def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str
 
 def returned(results: Sequence[Result]) -> str:
     """By how much the error of a domain that returns is above that of its first visit."""
-    found = [[later / first - 1 for _, first, later in r["returns"]] for r in results]
-    if not all(found):
+    visits = [[(s["domain"], s["ade"]["mean"], s["ade"]["agent_windows"]) for s in r["segments"]] for r in results]
+    found = [later / first - 1 for each in visits for _, first, later in returns_of(each)]
+    if not found:
         return "-"
     return f"{100 * np.mean(found):+.0f} %"
 
@@ -125,11 +125,11 @@ def notes(results: Sequence[Result]) -> list[str]:
 
 
 LEGEND = (
-    "gain: (none - adapted) / (none - oracle) after the first shift, of ADE",
+    "gain: (none - adapted) / (none - oracle), of the mean ADE after the first shift",
     f"recovered after: matured forecasts (and seconds) from the first shift until the mean over the last {TRAIL} is "
     f"within 10 % of the ADE before the shift, or of the oracle's after it; looked at every {EVERY} forecasts, so at "
     f"least {TRAIL}; median of the runs that did",
-    "on return: ADE of later visits of a domain against its first one",
+    f"on return: ADE of later visits of a domain against its first one, where at least {TRAIL} forecasts matured",
     "ms per update: median / 95th percentile; ms per step: 95th percentile of update and forecasts together",
 )
 
@@ -197,13 +197,10 @@ def write(folder: Path, report: Report) -> tuple[str, list[Path]]:
             everything = [r for results in rows.values() for r in results]
             texts += [f"### {shifts.title}: {kind}", "", *table(rows, settings), ""]
             texts += [*(f"- {note}." for note in (*notes(everything), *LEGEND)), ""]
-            if kind == "sudden" and name == "style":
-                texts += [
-                    *milestones(rows),
-                    "",
-                    fewer_labels(rows, "finetune:parts=modulator", "finetune:parts=all"),
-                    "",
-                ]
+            if kind == "sudden":
+                texts += [*milestones(rows), ""]
+            if kind == "sudden" and {FEW, MANY} <= rows.keys():
+                texts += [fewer_labels(rows, FEW, MANY), ""]
         paths.append(folder / f"{name}.svg")
         figures.over_time({k: rows_of(found, name, k) for k in shifts.streams}, paths[-1], shifts.title)
     return "\n".join(texts).strip(), paths
@@ -217,24 +214,21 @@ def rows_of(found: Found, name: str, kind: str) -> dict[str, list[dict[str, Any]
 def short(folder: Path) -> str:
     """One table for a README: errors after a sudden shift, and the gain."""
     _, found = online_benchmark.read(folder)
-    rows = list(dict.fromkeys(row for shifts in SHIFTS.values() for row in (BASELINE, NONE, ORACLE, *shifts.rows)))
+    cells: dict[str, dict[str, str]] = {}
+    for name in SHIFTS:
+        there = rows_of(found, name, "sudden")
+        for row, results in there.items():
+            share = gain_of(results, there[NONE], there[ORACLE])
+            after = spread(np.array([after_first(r) for r in results]))
+            told = after if share is None or row in (NONE, ORACLE) else f"{after} ({share:.2f})"
+            cells.setdefault(row.replace(",every=4", ""), {})[name] = told
     lines = [
-        "**After a sudden shift.** ADE in metres, k = 1, mean ± standard error over seeds, and the adaptation gain",
+        "**After a sudden shift.** ADE in metres, k = 1, mean ± standard error over seeds (adaptation gain)",
         "",
         f"| method | {' | '.join(shifts.title for shifts in SHIFTS.values())} |",
         f"|---|{'---|' * len(SHIFTS)}",
     ]
-    for row in rows:
-        cells = []
-        for name in SHIFTS:
-            there = rows_of(found, name, "sudden") if row in (BASELINE, NONE, ORACLE, *SHIFTS[name].rows) else None
-            if there is None:
-                cells.append("does not fit")
-                continue
-            gains = gains_of(there[row], there[NONE], there[ORACLE])
-            after = spread(np.array([after_first(r) for r in there[row]]))
-            cells.append(after if gains is None or row in (NONE, ORACLE) else f"{after} ({gains.mean():+.2f})")
-        lines.append(f"| `{row}` | {' | '.join(cells)} |")
+    lines += [f"| `{row}` | {' | '.join(by.get(name, '-') for name in SHIFTS)} |" for row, by in cells.items()]
     lines.append("")
     for name, shifts in SHIFTS.items():
         everything = [r for results in rows_of(found, name, "sudden").values() for r in results]

@@ -85,7 +85,7 @@ class OnlineCard:
         curve: Rows of seconds from the start, and the trailing mean ADE over the last 50 forecasts by when they were
             made.
         shifts: Changes of the domain after which at least 50 forecasts matured.
-        returns: Rows of domain, ADE of its first visit, and of a later one.
+        returns: Rows of domain, ADE of its first visit, and of a later one, where at least 50 forecasts matured.
         updates: Times that the predictor learned.
         rolled_back: Updates that were taken back, since they made weights that are not finite.
         skipped: Steps at which truth came and an update was under way (realtime).
@@ -199,17 +199,20 @@ def shifts_of(
     return found
 
 
-def returns_of(values: np.ndarray, segment: np.ndarray, labels: Sequence[str]) -> list[tuple[str, float, float]]:
-    """Domain, error of the first visit, and of each later one."""
+def returns_of(visits: Sequence[tuple[str, float | None, int]]) -> list[tuple[str, float, float]]:
+    """Domain, error of the first visit, and of each later one.
+
+    Args:
+        visits: Domain, error, and number of matured forecasts, one by one; those of fewer than 50 do not count.
+    """
     first: dict[str, float] = {}
     found = []
-    for number, label in enumerate(labels):
-        own = values[segment == number]
-        if not len(own):
+    for domain, error, count in visits:
+        if error is None or count < TRAIL:
             continue
-        if label in first:
-            found.append((label, first[label], float(own.mean())))
-        first.setdefault(label, float(own.mean()))
+        if domain in first:
+            found.append((domain, first[domain], error))
+        first.setdefault(domain, error)
     return found
 
 

@@ -104,11 +104,9 @@ def test_gain_is_the_share_of_the_way_to_the_oracle(none, oracle, share):
 
 
 def test_returns_are_later_visits_beside_the_first():
-    values, segment, _, labels, _ = stream_of(("a", 5, 0.2), ("b", 5, 0.5), ("a", 5, 0.4), ("c", 0, 0), ("a", 5, 0.3))
-    assert returns_of(values, segment, labels) == [
-        ("a", pytest.approx(0.2), pytest.approx(0.4)),
-        ("a", pytest.approx(0.2), pytest.approx(0.3)),
-    ]
+    visits = [("a", 0.2, 90), ("b", 0.5, 90), ("a", 0.4, 50), ("a", 9.0, 49), ("b", None, 0), ("a", 0.3, 70)]
+    assert returns_of(visits) == [("a", 0.2, 0.4), ("a", 0.2, 0.3)]
+    assert returns_of([("a", 9.0, 49), *visits]) == [("a", 0.2, 0.4), ("a", 0.2, 0.3)]
 
 
 def test_the_mean_after_the_first_segment_is_over_forecasts():
