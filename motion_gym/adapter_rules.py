@@ -32,9 +32,9 @@ ADAPTER_RULES = {
     "restart": "reset brings back the state of the start, bit by bit",
     "twins": "a copy or a pickle made midway goes on alike, and learns by itself",
     "memory": "what it holds does not grow without end",
-    "online": "evaluate_online runs with it, for all labels and scopes, and gives the same again",
+    "online": "evaluate_online runs with it, also with a copy for each agent, and gives the same again",
 }
-LESSONS = 6
+LESSONS = 4
 """Scenes that most rules let an adapter observe, one by one."""
 AT_ONCE = 8
 """Scenes of an observation where memory is measured."""
@@ -164,7 +164,9 @@ def apply_given_rule(make: Callable[[], Any], source: Any, lessons: Lessons, rep
     if touched:
         report("given", f"it changed {', '.join(touched[:3])} of the predictor that it was put around: {_COPY}")
         return
-    common = shared_arrays(source, adapter)
+    own = {path: leaf for path, leaf in leaves(source) if isinstance(leaf, np.ndarray) and leaf.flags.writeable}
+    kept = [leaf for _, leaf in leaves(adapter) if isinstance(leaf, np.ndarray)]
+    common = [path for path, leaf in own.items() if any(np.may_share_memory(leaf, other) for other in kept)]
     if common:
         report("given", f"it shares the memory of {', '.join(common[:3])} with the predictor it was given: {_COPY}")
 
@@ -288,7 +290,6 @@ def _memory(make: Callable[[], Any], lessons: Lessons, report: Report) -> None:
 
 def _online(make: Callable[[], Any], lessons: Lessons, report: Report) -> None:
     played, adapter = lessons.stream, make()
-    evaluate_online(adapter, played)
     evaluate_online(adapter, played, labels="stepwise", scope="agent")
     one, two = (evaluate_online(adapter, played, scope="place", realtime=True, cost=COST) for _ in range(2))
     if not np.array_equal(one.values, two.values):
