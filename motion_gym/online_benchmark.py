@@ -1,4 +1,4 @@
-"""The benchmark of online adaptation: every adapter on every kind of shift, with settings chosen on other shifts."""
+"""The benchmark of online adaptation: every adapter on every kind of shift, with settings chosen on another shift."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ class Shifts:
         streams: Arguments of ``stream`` by kind, without the seed.
         oracle: Predictors that were trained on the target, without the seed: by domain, or one for all.
         rows: Adapters.
-        chosen_on: Arguments of ``stream`` of a shift among sources, which settings are chosen on.
+        chosen_on: Arguments of ``stream`` of another shift, on frames that are neither trained on nor scored, which
+            settings are chosen on.
         chosen_with: Weights that are used there.
     """
 
@@ -118,7 +119,7 @@ SHIFTS: Mapping[str, Shifts] = {
         _kinds(("orca:d=0.3", "orca:d=0.6"), (3200, 1600, 1200)),
         "modular_invariant:weights=online/orca",
         STYLE_ROWS,
-        {"domains": ["orca:d=0.3", "orca:d=0.5"], "frames": 1600},
+        {"domains": ["orca:d=0.3", "orca:d=0.5"], "frames": 1600, "split": "val"},
         "style/held_out",
     ),
     "alpha": Shifts(
@@ -128,7 +129,7 @@ SHIFTS: Mapping[str, Shifts] = {
         _kinds(("eth:alpha=1", "eth:alpha=64"), (420, 420, 200)),
         {"eth:alpha=1.0": "erm:weights=online/alpha_1", "eth:alpha=64.0": "erm:weights=online/alpha_64"},
         STGAT_ROWS,
-        {"domains": ["zara2:alpha=8", "zara2:alpha=64"], "frames": 200},
+        {"domains": ["zara2:alpha=8", "zara2:alpha=32"], "frames": 180, "split": "val"},
         "spurious",
     ),
     "places": Shifts(
@@ -138,7 +139,7 @@ SHIFTS: Mapping[str, Shifts] = {
         _kinds(("hotel", "zara1", "univ"), (200, 200, 200), ("hotel", "zara1", "univ", "hotel")),
         "erm_no_sigma:weights=original/zara2",
         STGAT_ROWS,
-        {"domains": ["zara2", "eth6"], "frames": 200},
+        {"domains": ["zara2", "eth6"], "frames": 200, "split": "val"},
         "online/places",
     ),
 }
