@@ -201,6 +201,8 @@ class Eth6(EthUcy):
     name = "eth6"
     training_files = test_files = ("biwi_eth_obsmat_6frame.txt",)
     columns = (0, 1, 2, 4)
+    world = "eth"
+    """The same people: a stream plays them once."""
 
 
 class Hotel(EthUcy):

@@ -195,6 +195,8 @@ def adapter(spec: str | type, of: str | Predictor, **parameters: Any) -> Predict
         SpecError: a name or a parameter is not known, or a value is not allowed.
         PredictorError: the predictor is not such as the adapter needs.
     """
+    if "of" in parameters or (isinstance(spec, str) and "of" in parse_spec(spec)[1]):
+        raise SpecError(f"`of` in `{spec}` is the predictor to adapt, which is given already: leave it out.")
     around = {**parameters, "of": predictor(of)}
     return _make(spec, around, ADAPTERS, "adapter", ("predict", "observe", "reset"))
 
@@ -287,7 +289,8 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
 def _having(thing: Any, needs: tuple[str, ...], kind: str) -> Any:
     for method in needs:
         if not callable(getattr(thing, method, None)):
-            raise SpecError(f"{type(thing).__name__} is not a {kind}: it has no method `{method}`.")
+            article = "an" if kind[0] in "aeiou" else "a"
+            raise SpecError(f"{type(thing).__name__} is not {article} {kind}: it has no method `{method}`.")
     return thing
 
 

@@ -168,9 +168,8 @@ def check(
     from motion_gym.leaks import leak_probe
 
     predictor: Any
-    name, parameters = catalog.parse_spec(thing)
-    if of is not None or name in catalog.ADAPTERS:
-        place, of = catalog.domain(domain), of or parameters.get("of", "modular_invariant")
+    if of is not None or catalog.parse_spec(thing)[0] in catalog.ADAPTERS:
+        place, of = catalog.domain(domain), of or "modular_invariant"
         check_adapter(thing, of, place)
         say(f"{thing} around {of} keeps the contract of an adapter.")
         predictor = catalog.adapter(thing, ready(of, place))

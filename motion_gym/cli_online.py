@@ -14,7 +14,9 @@ from motion_gym import catalog, online_report, online_results
 from motion_gym.cli_output import console, progress_bar, say
 from motion_gym.contract import SpecError
 from motion_gym.harness import ready
+from motion_gym.online import check_options
 from motion_gym.online_benchmark import BASELINE, NONE, ORACLE
+from motion_gym.report import number
 from motion_gym.streams import stream
 from motion_gym.target_oracle import TargetOracle
 
@@ -59,6 +61,7 @@ def adapt(
         raise SpecError(f"No adapter was named: add --adapter {next(iter(catalog.ADAPTERS))}, or see `motion-gym ls`.")
     if not on:
         raise SpecError("No domain was named: add --stream orca:d=0.3 --stream orca:d=0.6.")
+    check_options(labels, scope, realtime, cost)
     played = stream(list(on), kind, frames, cycles=cycles, seed=seed, split=split)
     source = ready(predictor, played.domains[0], seed)
     who: dict[str, Any] = {BASELINE: catalog.predictor(BASELINE)}
@@ -85,18 +88,18 @@ def _print(found: dict[str, list[dict[str, Any]]], labels: list[str]) -> None:
     names = list(dict.fromkeys(labels))
     console.print(f"[bold]{escape(next(iter(found.values()))[0]['stream'])}", highlight=False)
     first = Table(header_style="bold", box=box.SIMPLE_HEAD)
-    for number, name in enumerate(("method", "ADE [95 %]", *(f"on {name}" for name in names))):
-        first.add_column(escape(name), justify="right" if number else "left", overflow="fold")
+    for place, name in enumerate(("method", "ADE [95 %]", *(f"on {name}" for name in names))):
+        first.add_column(escape(name), justify="right" if place else "left", overflow="fold")
     for row, (result,) in found.items():
         ade = result["ade"]
         means = [online_report.on_domain(result, name) for name in names]
-        cells = [f"{ade['mean']:.3f} [{ade['low']:.3f}, {ade['high']:.3f}]", *means]
+        cells = [f"{number(ade['mean'])} [{number(ade['low'])}, {number(ade['high'])}]", *means]
         first.add_row(escape(row), *cells)
     console.print(first)
     second = Table(header_style="bold", box=box.SIMPLE_HEAD)
     columns = [c for c in online_report.COLUMNS if c != "ADE"]
-    for number, name in enumerate(columns):
-        second.add_column(escape(name), justify="right" if number else "left", overflow="fold")
+    for place, name in enumerate(columns):
+        second.add_column(escape(name), justify="right" if place else "left", overflow="fold")
     for row, results in found.items():
         _, *cells = online_report.cells_of(results, found[NONE], found.get(ORACLE))
         second.add_row(escape(row), *map(escape, cells))

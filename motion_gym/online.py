@@ -8,6 +8,7 @@ import json
 import pickle
 import time
 from collections.abc import Callable
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from motion_gym.online_score import OnlineCard, SegmentScore, curve_of, returns_
 from motion_gym.outstanding import Outstanding
 from motion_gym.per_agent import PerAgent
 from motion_gym.snapshot import changed, snapshot
-from motion_gym.storage import write_atomic
+from motion_gym.storage import check_writable, write_atomic
 from motion_gym.streams import Stream, stream
 from motion_gym.windows import stack
 
@@ -111,17 +112,18 @@ def evaluate_online(
         PredictorError: the predictor broke its contract: it learned when it was asked, for example.
         DataError: data is missing or damaged.
     """
-    for name, value, allowed in (("labels", labels, LABELS), ("scope", scope, SCOPES)):
-        if value not in allowed:
-            raise SpecError(f"`{name}={value}` is not known.{catalog.suggest(str(value), allowed)}")
-    if cost is not None and (isinstance(cost, (bool, str)) or not 0 <= cost < np.inf):
-        raise SpecError(f"`cost={cost}` must be a number of seconds, 0 or more.")
+    cost = check_options(labels, scope, realtime, cost)
+    checkpoint = None if checkpoint is None else Path(checkpoint)
+    if checkpoint is not None:
+        check_writable(checkpoint.parent)
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
     played = on if isinstance(on, Stream) else stream(on)
     # A copy first, since what was given would be reset.
-    given = predictor if isinstance(predictor, (str, type)) else copy.deepcopy(predictor)
+    given = predictor if isinstance(predictor, (str, type)) else _copied(predictor)
     made = ready(given, played.domains[0], seed)
     name = predictor if isinstance(predictor, str) else name_of(made)
+    if scope == "place" and hasattr(made, "observe") and not hasattr(made, "reset"):
+        raise PredictorError(f"{name} learns (`observe`) and cannot forget: `scope=place` needs a method `reset`.")
     identity = json.dumps(
         [
             name,
@@ -145,13 +147,50 @@ def evaluate_online(
             segment = int(played.segment_at(played.clock.times[run.at]))
             report(run.at, total, f"{name} on {played.labels[segment]}")
         if checkpoint is not None and time.perf_counter() - saved > SAVED_EVERY:
-            write_atomic(checkpoint, pickle.dumps((identity, run)))
+            write_atomic(checkpoint, _saved(identity, run))
             saved = time.perf_counter()
         _step(run, played, labels, scope, realtime, cost, seed)
     _settle(run, played.clock.tracks.ticks)
     if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
     return _card(run, played, name, labels, scope, realtime, cost, seed)
+
+
+def check_options(labels: str, scope: str, realtime: bool, cost: float | None) -> float | None:
+    """The cost as a float; SpecError if an option of ``evaluate_online`` is not known or not allowed."""
+    for name, value, allowed in (("labels", labels, LABELS), ("scope", scope, SCOPES)):
+        if not isinstance(value, str) or value not in allowed:
+            raise SpecError(f"`{name}={value}` is not known.{catalog.suggest(str(value), allowed)}")
+    if not isinstance(realtime, bool):
+        raise SpecError(f"`realtime={realtime}` must be True or False.")
+    if cost is None:
+        return None
+    if isinstance(cost, bool) or not isinstance(cost, Real) or not 0 <= cost < np.inf:
+        raise SpecError(f"`cost={cost}` must be a number of seconds, 0 or more.")
+    if not realtime:
+        raise SpecError(f"`cost={cost}` is of use where the stream waits for nobody: add realtime, or drop it.")
+    return float(cost)
+
+
+def _copied(predictor: Any) -> Any:
+    try:
+        return copy.deepcopy(predictor)
+    except Exception as error:
+        raise PredictorError(_uncopied(predictor, error)) from error
+
+
+def _saved(identity: str, run: _Run) -> bytes:
+    try:
+        return pickle.dumps((identity, run))
+    except Exception as error:
+        raise PredictorError(_uncopied(run.predictor, error)) from error
+
+
+def _uncopied(predictor: Any, error: Exception) -> str:
+    return (
+        f"{name_of(predictor)} cannot be copied and kept ({error}): let it hold nothing that cannot be pickled, as "
+        "locks, open files and lambdas."
+    )
 
 
 def _begun(predictor: Any, played: Stream) -> _Run:
@@ -167,6 +206,8 @@ def _begun(predictor: Any, played: Stream) -> _Run:
 def _resumed(checkpoint: Path | None, identity: str) -> _Run | None:
     if checkpoint is None or not checkpoint.exists():
         return None
+    if not checkpoint.is_file():
+        raise SpecError(f"The checkpoint {checkpoint} is a folder: name a file.")
     try:
         saved, run = pickle.loads(checkpoint.read_bytes())
     except Exception as error:
@@ -198,15 +239,16 @@ def _step(run: _Run, played: Stream, labels: str, scope: str, realtime: bool, co
             run.skipped += 1
         else:
             before, undone = _count(run.predictor), _count(run.predictor, "rolled_back") or 0
-            learner = copy.deepcopy(run.predictor) if realtime else run.predictor
+            learner = _copied(run.predictor) if realtime else run.predictor
             began = time.perf_counter()
             tell(learner, truth)
             spent = time.perf_counter() - began
             run.ticks[run.at, 0] = spent
             after = _count(learner)
-            run.updates[segment] += 1 if after is None or before is None else after - before
+            learned = 1 if after is None or before is None else max(after - before, 0)
+            run.updates[segment] += learned
             run.rolled_back += (_count(learner, "rolled_back") or 0) - undone
-            done = seconds + (spent if cost is None else cost)
+            done = seconds + (spent if cost is None else cost * (learned > 0))
             if realtime and done > seconds:
                 run.learner = learner, done
             else:
@@ -233,7 +275,8 @@ def _step(run: _Run, played: Stream, labels: str, scope: str, realtime: bool, co
 
 def _count(predictor: Any, what: str = "updates") -> int | None:
     """How often a predictor says that it has learned, or has taken that back."""
-    return getattr(predictor, what, None)
+    count = getattr(predictor, what, None)
+    return count if isinstance(count, int) and not isinstance(count, bool) else None
 
 
 def _happened(run: _Run, made: int, now: int) -> tuple[np.ndarray, np.ndarray]:
@@ -286,7 +329,9 @@ def _card(
         )
     cards = {label: s.domain.card for label, s in zip(played.labels, played.segments, strict=True)}  # type: ignore[union-attr]
     trained_on = getattr(run.predictor, "trained_on", ())
-    leaks = [declared_leaks(card, False, False, trained_on, type(d)) for card, d in _kinds(played)]
+    leaks = [declared_leaks(d.card, False, False, trained_on, type(d)) for d in played.domains]
+    if hasattr(run.predictor, "know"):
+        leaks.append((f"{name} is told which domain is played, and could know what is to come",))
     return OnlineCard(
         predictor=name,
         stream=played.name,
@@ -319,10 +364,6 @@ def _card(
         values=ade,
         made=made,
     )
-
-
-def _kinds(played: Stream) -> list[tuple[Any, Any]]:
-    return [(domain.card, domain) for domain in played.domains]
 
 
 def _quantiles(values: np.ndarray) -> tuple[float, float]:

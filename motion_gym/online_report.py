@@ -24,7 +24,7 @@ COLUMNS = (
     "recovered after",
     "on return",
     "updates",
-    "ms per update",
+    "ms per observe",
     "ms per step",
 )
 MILESTONES = (50, 100, 150, 200, 250, 300)
@@ -63,7 +63,7 @@ def cells_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence
         spread(after),
         "-" if share is None else f"{share:.2f}",
         recovered(results, oracle),
-        returned(results),
+        returned(results, none),
         updates,
         f"{update[0]:.1f} / {update[1]:.1f}" if results[0]["updates"] else "-",
         f"{tick:.1f}",
@@ -86,14 +86,18 @@ def gain_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[
 
 
 def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str:
-    """Median matured forecasts and seconds until the first shift is recovered from, and in how many runs it is."""
-    shifts = [r["shifts"] for r in results]
-    if not all(shifts):
-        return "-"
+    """Median matured forecasts and seconds until the first change of domain is recovered from, and in how many runs."""
     found = []
-    for index, (shift, *_) in enumerate(shifts):
-        theirs = 0.0 if oracle is None else oracle[index]["segments"][shift["segment"]]["ade"]["mean"]
-        found.append(recovery(shift, max(shift["before"], theirs)))
+    for index, result in enumerate(results):
+        shift = first_shift(result)
+        if shift is None:
+            return "-"
+        if oracle is None:
+            levels = [shift["before"]] * len(shift["after"])
+        else:
+            theirs = first_shift(oracle[index])
+            levels = [] if theirs is None else [ade for _, _, ade in theirs["after"]]
+        found.append(recovery(shift, levels))
     there = [f for f in found if f is not None]
     if not there:
         return f"never (0 of {len(found)})"
@@ -101,13 +105,25 @@ def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str
     return f"{forecasts:.0f} ({seconds:.0f} s; {len(there)} of {len(found)})"
 
 
-def returned(results: Sequence[Result]) -> str:
-    """By how much the error of a domain that returns is above that of its first visit."""
-    visits = [[(s["domain"], s["ade"]["mean"], s["ade"]["agent_windows"]) for s in r["segments"]] for r in results]
-    found = [later / first - 1 for each in visits for _, first, later in returns_of(each)]
-    if not found:
-        return "-"
-    return f"{100 * np.mean(found):+.0f} %"
+def first_shift(result: Result) -> dict[str, Any] | None:
+    """The first change of domain, if at least 50 forecasts matured right before it and right after it."""
+    segments = result["segments"]
+    number = next((n for n, s in enumerate(segments) if s["domain"] != segments[0]["domain"]), None)
+    shift = next((s for s in result["shifts"] if s["segment"] == number), None)
+    return None if shift is None or segments[shift["segment"] - 1]["ade"]["agent_windows"] < TRAIL else shift
+
+
+def returned(results: Sequence[Result], none: Sequence[Result]) -> str:
+    """By how much the error of the first domain has grown when it comes back, more than that of ``none``."""
+
+    def growth(result: Result) -> list[float]:
+        visits = [(s["domain"], s["ade"]["mean"], s["ade"]["agent_windows"]) for s in result["segments"]]
+        own = result["segments"][0]["domain"]
+        return [later / first for domain, first, later in returns_of(visits) if domain == own and first]
+
+    pairs = zip(results, none, strict=True)
+    found = [mine / theirs - 1 for r, n in pairs for mine, theirs in zip(growth(r), growth(n), strict=False) if theirs]
+    return f"{100 * np.mean(found):+.0f} %" if found else "-"
 
 
 def notes(results: Sequence[Result]) -> list[str]:
@@ -126,11 +142,13 @@ def notes(results: Sequence[Result]) -> list[str]:
 
 LEGEND = (
     "gain: (none - adapted) / (none - oracle), of the mean ADE after the first shift",
-    f"recovered after: matured forecasts (and seconds) from the first shift until the mean over the last {TRAIL} is "
-    f"within 10 % of the ADE before the shift, or of the oracle's after it; looked at every {EVERY} forecasts, so at "
-    f"least {TRAIL}; median of the runs that did",
-    f"on return: ADE of later visits of a domain against its first one, where at least {TRAIL} forecasts matured",
-    "ms per update: median / 95th percentile; ms per step: 95th percentile of update and forecasts together",
+    f"recovered after: matured forecasts (and seconds) from the first change of domain until the mean over the last "
+    f"{TRAIL} is at most 10 % above the oracle's of the same time (without an oracle: above the ADE before); looked at "
+    f"every {EVERY} forecasts, so at least {TRAIL}; median of the runs that did",
+    "on return: by how much more than that of `none` the ADE of the first domain has grown when it comes back, where "
+    f"at least {TRAIL} forecasts matured in each visit",
+    "ms per observe: median / 95th percentile of all calls, also those that only remember; ms per step: 95th "
+    "percentile of that and the forecasts together",
 )
 
 
@@ -165,7 +183,7 @@ def milestones(rows: Mapping[str, Sequence[Result]]) -> list[str]:
         f"|---|{'---|' * len(MILESTONES)}",
     ]
     for row, results in rows.items():
-        after = [{int(n): ade for n, _, ade in r["shifts"][0]["after"]} for r in results]
+        after = [{int(n): ade for n, _, ade in (first_shift(r) or {"after": []})["after"]} for r in results]
         cells = [spread(np.array([a[n] for a in after])) if all(n in a for a in after) else "-" for n in MILESTONES]
         lines.append(f"| `{row}` | {' | '.join(cells)} |")
     return lines

@@ -89,7 +89,7 @@ class OnlineCard:
         updates: Times that the predictor learned.
         rolled_back: Updates that were taken back, since they made weights that are not finite.
         skipped: Steps at which truth came and an update was under way (realtime).
-        update_seconds: Median and 95th percentile of an update.
+        update_seconds: Median and 95th percentile of a call of ``observe``, also of those that only remember.
         tick_seconds: Median and 95th percentile of a step: an update, if there is one, and the forecasts.
         peak_memory: Bytes, of the whole process.
         oracle: Whether the predictor is told what no forecaster can know.
@@ -216,14 +216,15 @@ def returns_of(visits: Sequence[tuple[str, float | None, int]]) -> list[tuple[st
     return found
 
 
-def recovery(shift: Mapping[str, Any], level: float) -> tuple[int, float] | None:
+def recovery(shift: Mapping[str, Any], levels: Sequence[float]) -> tuple[int, float] | None:
     """Matured forecasts and seconds from a shift until the trailing mean is within 10 % of a level; None if never.
 
     Args:
         shift: A shift of a result, as ``as_dict`` gives it.
-        level: Error, metres, that is to be reached: that before the shift, or that of the oracle if it is higher.
+        levels: Error, metres, that is to be reached at each of its rows, as the trailing mean of an oracle.
     """
-    return next(((int(n), float(s)) for n, s, ade in shift["after"] if ade <= WITHIN * level), None)
+    rows = zip(shift["after"], levels, strict=False)
+    return next(((int(n), float(s)) for (n, s, ade), level in rows if ade <= WITHIN * level), None)
 
 
 def after_first(result: Mapping[str, Any]) -> float:

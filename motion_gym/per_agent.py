@@ -1,4 +1,4 @@
-"""A predictor that each agent has a copy of, so that what was learned from one is of no use to others."""
+"""A predictor that each agent has a copy of, which learns from the scenes that its agent is in, others included."""
 
 from __future__ import annotations
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,6 +64,12 @@ class Stream:
     def __init__(self, segments: Sequence[Segment], split: str = "test", name: str | None = None):
         if not segments:
             raise SpecError("A stream needs at least one segment: Segment(domain, start, stop).")
+        wrong = next((s for s in segments if not isinstance(s, Segment)), None)
+        if wrong is not None:
+            raise SpecError(f"{wrong!r} is no segment: write motion_gym.Segment(domain, start, stop).")
+        for segment in segments:
+            for edge in ("start", "stop"):
+                catalog.whole_number(f"{edge} of a segment", getattr(segment, edge), 0, 10**9)
         self.split, made = split, {}
         for segment in segments:
             key = segment.domain if isinstance(segment.domain, str) else id(segment.domain)
@@ -123,35 +131,38 @@ def stream(
     Raises:
         SpecError: a name, kind or number is not known or not allowed, or there are not enough frames.
     """
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise SpecError(f"There is no kind of stream `{kind}`.{catalog.suggest(str(kind), KINDS)}")
     seed = catalog.whole_number("seed", seed, 0, 2**31)
     cycles = catalog.whole_number("cycles", cycles, 1, 1000)
+    if isinstance(domains, (set, frozenset, dict)):
+        raise SpecError("The domains of a stream are played in order: give a list, not a set.")
     places = [catalog.domain(d) for d in (domains if isinstance(domains, (list, tuple)) else [domains])]  # type: ignore[arg-type]
     if not places:
         raise SpecError("A stream needs at least one domain, as orca:d=0.3.")
     _check_kinds(places)
-    if len(places) == 1 and frames is None:
+    if len(places) == 1 and frames is None and kind == "sudden":
         return Stream([Segment(places[0], 0, frames_of(places[0], split))], split)
     visits = list(range(len(places))) * (cycles if kind in ("recurring", "mixed") else 1)
-    there: dict[tuple[str, int | None], int] = {}
+    there: dict[tuple[str, tuple[Any, ...]], int] = {}
     for place in places:
         there[world_of(place)] = min(frames_of(place, split), there.get(world_of(place), 10**12))
     wanted = {w: sum(world_of(places[v]) == w for v in visits) for w in there}
     most = min(there[w] // wanted[w] for w in there) // UNIT * UNIT
     if frames is None:
-        frames = min(most, MOST_FRAMES)
-    frames = catalog.whole_number("frames", frames, 0, 10**9) // UNIT * UNIT
+        frames = max(min(most, MOST_FRAMES), UNIT)
+    frames = catalog.whole_number("frames", frames, UNIT, 10**9) // UNIT * UNIT
     if kind in ("gradual", "mixed") and frames < BLOCKS * UNIT:
         raise SpecError(
             f"`frames={frames}`: `{kind}` cuts a visit into {BLOCKS} blocks of at least {UNIT} frames, give "
             f"{BLOCKS * UNIT} or more; there are {most} for each."
         )
-    if not 0 < frames <= most:
+    if frames > most:
         short = min(there, key=lambda w: there[w] // wanted[w])
         raise SpecError(
             f"`frames={frames}`: {short[0]} has {there[short]} frames in split `{split}`, for {wanted[short]} visits "
-            f"of at least {UNIT} frames: ask for at most {most}."
+            f"of at least {UNIT} frames: "
+            + (f"ask for at most {most}." if most else "ask for fewer visits (`cycles`), or for other domains.")
         )
     rng = np.random.default_rng([seed, len(places)])
     begins = {w: int(rng.integers((there[w] - wanted[w] * frames) // UNIT + 1)) * UNIT for w in there}
@@ -203,9 +214,11 @@ def frames_of(domain: Domain, split: str) -> int:
     return sum(len(np.unique(recording.frame)) for recording in domain.recordings(split))
 
 
-def world_of(domain: Domain) -> tuple[str, int | None]:
-    """What domains have in common whose frames show the same: the name, and the seed of what is simulated."""
-    return domain.card.name, domain.card.parameters.get("seed")
+def world_of(domain: Domain) -> tuple[str, tuple[Any, ...]]:
+    """What domains have in common whose frames show the same: the name, or ``world`` of the class; seed and files."""
+    parameters = domain.card.parameters
+    files = [str(value) for value in parameters.values() if isinstance(value, (str, Path)) and Path(value).is_file()]
+    return getattr(type(domain), "world", domain.card.name), (parameters.get("seed"), *files)
 
 
 def _cut(recordings: Sequence[Recording], segment: Segment, frames: int) -> list[Recording]:

@@ -15,6 +15,8 @@ from motion_gym.harness import name_of
 from motion_gym.predictors.around import Around
 from motion_gym.windows import check_truth, pick_scenes
 
+KEPT = 32
+"""Scenes that are remembered where it matters whether they were told before; more than the steps of a future."""
 MEMORY = 16
 """Scenes that a style is read from."""
 
@@ -157,6 +159,13 @@ class Style(Adapter):
     def learn(self, truth: Truth) -> None:
         """Count what the style was read from."""
         self.updates += int(len(whole_scenes(truth)) > 0)
+
+
+def scene_key(truth: Truth, scene: int) -> bytes:
+    """What tells a scene from others: who was observed, and where."""
+    seen = truth.observation
+    rows = slice(seen.scene[scene], seen.scene[scene + 1])
+    return seen.agent[rows].tobytes() + seen.history[rows].tobytes()  # type: ignore[no-any-return]
 
 
 def whole_scenes(truth: Truth) -> np.ndarray:

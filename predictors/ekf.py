@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from torch import Tensor
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, SpecError, Truth
-from motion_gym.predictors.adapter import MEMORY, Adapter
+from motion_gym.predictors.adapter import KEPT, MEMORY, Adapter, scene_key
 from motion_gym.predictors.adapting import tunable
 from motion_gym.predictors.objectives import number, positive
 from motion_gym.windows import pick_scenes
@@ -85,42 +86,50 @@ class Ekf(Adapter):
         if size > MOST_WEIGHTS:
             raise SpecError(
                 f"`parts={parts}` of {self.inner.name} are {size} weights, and the covariance of more than "
-                f"{MOST_WEIGHTS} is too large to keep: choose `last_layer` or `modulator`."
+                f"{MOST_WEIGHTS} is too large to keep: choose a smaller one of {', '.join(self.inner.parts)}."
             )
 
     def _start(self) -> None:
         super()._start()
         self.state = self.covariance = torch.zeros(0)
         """[n] weights of the filter, and [n, n]."""
-        self.skipped = 0
-        """Scenes that were taken for outliers."""
+        self.outliers = 0
+        """Scenes that were left out."""
+        self.measured: OrderedDict[bytes, None] = OrderedDict()
+        """The last scenes that were measured, by what was observed: each is measured once."""
         self.waiting = 0
         """Scenes that have come since the last update."""
 
     def learn(self, truth: Truth) -> None:
-        """Update by the scene of which most is known, if enough have come."""
+        """Update by the scene in which most agents are known, if enough have come."""
         said = np.bincount(truth.observation.scene_index, truth.known.sum(axis=1) >= self.least)
-        self.waiting += int((said > 0).sum())
-        if self.waiting >= self.every and said.any():
-            self._update(pick_scenes(truth, [int(said.argmax())]))
+        scenes = {scene_key(truth, scene): scene for scene in np.flatnonzero(said).tolist()}
+        new = {key: scene for key, scene in scenes.items() if key not in self.measured}
+        self.waiting += len(new)
+        if self.waiting >= self.every and new:
+            best = max(new.values(), key=lambda scene: said[scene])
+            self._update(pick_scenes(truth, [best]))
             self.waiting = 0
+        self.measured.update(dict.fromkeys(new))
+        while len(self.measured) > KEPT:
+            self.measured.popitem(last=False)
 
     def _update(self, scene: Truth) -> None:
         if not len(self.state):
             self.state = torch.cat([self.inner.tensors[name].flatten() for name in self.tuned])
             self.covariance = torch.eye(len(self.state)) * self.spread**2
-        self.updates += 1
         slope, innovation = self._measured(scene)
         across = self.covariance @ slope.T + self.drift**2 * slope.T
         total = slope @ across + self.noise**2 * torch.eye(len(innovation))
         root, failed = torch.linalg.cholesky_ex(total)
         if failed or not bool(torch.isfinite(total).all() and torch.isfinite(innovation).all()):
-            self.rolled_back += 1
+            self.updates, self.rolled_back = self.updates + 1, self.rolled_back + 1
             return
         whitened = torch.linalg.solve_triangular(root, innovation[:, None], upper=False)[:, 0]
         if float(whitened @ whitened) > self.gate**2 * len(innovation):
-            self.skipped += 1
+            self.outliers += 1
             return
+        self.updates += 1
         gain = torch.linalg.solve_triangular(root, across.T, upper=False).T
         state = self.state + gain @ whitened
         if not bool(torch.isfinite(state).all() and torch.isfinite(gain).all()):

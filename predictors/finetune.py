@@ -14,7 +14,7 @@ from torch import Tensor
 
 from motion_gym.catalog import suggest, whole_number
 from motion_gym.contract import FUTURE, SpecError, Truth
-from motion_gym.predictors.adapter import MEMORY, Adapter
+from motion_gym.predictors.adapter import MEMORY, Adapter, scene_key
 from motion_gym.predictors.adapting import tunable
 from motion_gym.predictors.objectives import number, positive
 from motion_gym.windows import pick_scenes, stack
@@ -100,7 +100,7 @@ class Finetune(Adapter):
         for scene in range(truth.observation.scenes):
             one = pick_scenes(truth, [scene])
             if one.known.sum(axis=1).max() >= self.least:
-                key = one.observation.agent.tobytes() + one.observation.history.tobytes()
+                key = scene_key(one, 0)
                 self.waiting += key not in self.recent
                 self.recent[key] = one
                 self.recent.move_to_end(key)

@@ -11,13 +11,10 @@ import numpy as np
 
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, SpecError, Truth
 from motion_gym.harness import name_of
-from motion_gym.predictors.adapter import MEMORY, Adapter
+from motion_gym.predictors.adapter import KEPT, MEMORY, Adapter, scene_key
 from motion_gym.predictors.adapting import LastLayer, Linearised
 from motion_gym.predictors.objectives import number, positive
 from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
-
-KEPT = 32
-"""Observations whose last layer is kept, more than the steps that a truth takes to come."""
 
 
 class Kalman(Adapter):
@@ -130,8 +127,8 @@ class Kalman(Adapter):
     def _told_before(self, truth: Truth) -> np.ndarray:
         """What was known [A, 12] of the same scenes when they were told before; this truth is remembered."""
         seen, before = truth.observation, np.zeros_like(truth.known)
-        for first, last in itertools.pairwise(seen.scene):
-            key = seen.agent[first:last].tobytes() + seen.history[first:last].tobytes()
+        for scene, (first, last) in enumerate(itertools.pairwise(seen.scene)):
+            key = scene_key(truth, scene)
             before[first:last] = self.told.pop(key, False)
             self.told[key] = truth.known[first:last] | before[first:last]
         while len(self.told) > KEPT:

@@ -317,8 +317,8 @@ def test_the_command_line_checks_adapters(capsys, monkeypatch):
     out = capsys.readouterr().out
     assert "own_adapter:Stretch around constant_velocity keeps the contract of an adapter." in out
     assert out.count("no leak") == 2
-    main(["check", "kalman:of=linear", "--domain", "orca:scenes=6"])
-    assert "kalman:of=linear around linear keeps the contract of an adapter." in capsys.readouterr().out
+    main(["check", "kalman", "--of", "linear", "--domain", "orca:scenes=6"])
+    assert "kalman around linear keeps the contract of an adapter." in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["check", "style", "--of", "linear"])
     assert "reads no style" in capsys.readouterr().err

@@ -80,17 +80,18 @@ def test_after_a_shift_only_what_was_forecast_since_then_counts():
 
 def test_recovery_is_the_first_point_within_ten_percent():
     after = [[50, 20.0, 0.9], [60, 24.0, 0.56], [70, 28.0, 0.55], [80, 32.0, 0.3]]
-    assert recovery({"after": after}, 0.5) == (70, 28.0)
-    assert recovery({"after": after}, 1.0) == (50, 20.0)
-    assert recovery({"after": after}, 0.1) is None
-    assert recovery({"after": []}, 1.0) is None
+    assert recovery({"after": after}, [0.5] * 4) == (70, 28.0)
+    assert recovery({"after": after}, [0.1, 0.51, 0.5, 0.5]) == (60, 24.0)
+    assert recovery({"after": after}, [1.0] * 4) == (50, 20.0)
+    assert recovery({"after": after}, [0.1] * 4) is None
+    assert recovery({"after": []}, []) is None
 
 
-@given(st.lists(SOME, max_size=20), SOME)
-def test_recovery_is_never_before_the_level_is_reached(errors, level):
-    after = [(50 + 10 * i, float(i), error) for i, error in enumerate(errors)]
-    found = recovery({"after": after}, level)
-    reached = [(n, s) for n, s, error in after if error <= WITHIN * level]
+@given(st.lists(st.tuples(SOME, SOME), max_size=20))
+def test_recovery_is_never_before_the_level_is_reached(errors):
+    after = [(50 + 10 * i, float(i), error) for i, (error, _) in enumerate(errors)]
+    found = recovery({"after": after}, [level for _, level in errors])
+    reached = [row[:2] for row, (error, level) in zip(after, errors, strict=True) if error <= WITHIN * level]
     assert found == (reached[0] if reached else None)
 
 

@@ -157,7 +157,7 @@ def test_the_extended_filter_of_a_last_layer_is_the_ridge_regression(agents):
     change = (slope.T @ np.linalg.solve(total, innovation)).reshape(trained.shape)
     found = made.inner.last_layer(told[0].observation).weight
     np.testing.assert_allclose(found - trained, change, atol=2e-3 * np.abs(change).max())
-    assert np.abs(change).max() > 0.01 and made.updates == 5 and made.skipped == 0
+    assert np.abs(change).max() > 0.01 and made.updates == 5 and made.outliers == 0
 
 
 def test_forecasts_are_by_an_average_of_the_weights():
@@ -181,13 +181,13 @@ def test_a_scene_that_cannot_be_is_skipped():
     made.observe(likely)
     before = snapshot(made)
     made.observe(dataclasses.replace(other, future=other.future + jump))
-    assert made.skipped == 1 and made.rolled_back == 0
+    assert made.outliers == 1 and made.rolled_back == 0
     assert {path.split("[")[0] for path, value in snapshot(made).items() if before[path] != value} == {
         "updates",
         "skipped",
     }
     made.observe(other)
-    assert made.skipped == 1
+    assert made.outliers == 1
 
 
 def test_the_covariance_shrinks_where_something_was_measured_and_drifts():
