@@ -54,11 +54,19 @@ class Outstanding:
         if made in self._stored:
             raise PredictorError(f"A forecast made at {made} is stored already: a time is forecast once.")
         said = forecast if isinstance(forecast, Forecast) else Forecast(forecast)
-        if len(said.positions) != len(observation):
+        shape = getattr(said.positions, "shape", ())
+        if len(shape) != 4 or shape[2:] != (FUTURE, 2):
             raise PredictorError(
-                f"The forecast made at {made} is of {len(said.positions)} agents, and {len(observation)} are "
-                "observed: forecast each of them."
+                f"The forecast made at {made} is a {type(said.positions).__name__} of shape {shape}: positions are an "
+                f"array [A, K, {FUTURE}, 2]."
             )
+        if shape[0] != len(observation):
+            raise PredictorError(
+                f"The forecast made at {made} is of {shape[0]} agents, and {len(observation)} are observed: forecast "
+                "each of them."
+            )
+        if not np.isfinite(said.positions).all():
+            raise PredictorError(f"The forecast made at {made} has NaN or infinite positions: all must be finite.")
         # Copies, so that whoever made them can change nothing later.
         self._stored[made] = Stored(made, frozen(observation), copy.deepcopy(said))
 
@@ -84,7 +92,11 @@ class Outstanding:
         stored = self._stored[made]
         agents = len(stored.observation)
         with np.errstate(over="ignore"):  # which is not finite, and said below
-            future, known = np.array(future, np.float32), np.array(known, bool)
+            try:
+                future, known = np.array(future, np.float32), np.array(known, bool)
+            except (TypeError, ValueError) as error:
+                said = f"The truth of the forecast made at {made} is no array of numbers: {error}."
+                raise DataError(said) from None
         if future.shape != (agents, FUTURE, 2) or known.shape != (agents, FUTURE):
             raise DataError(
                 f"The truth of the forecast made at {made} has shapes {future.shape} and {known.shape}, expected "

@@ -68,7 +68,10 @@ class Kalman(Adapter):
                 "one of the STGAT or modular family, as erm or modular_invariant."
             )
         if getattr(self.inner, "fitted", True) is False:
-            raise PredictorError(f"{name_of(self.inner)} is not fitted: fit it, and give the fitted predictor.")
+            raise PredictorError(
+                f"{name_of(self.inner)} is not fitted: give it fitted, as `fit(train, validation)` "
+                "leaves it, or adapt it by name on a stream, `motion-gym adapt`."
+            )
 
     def _start(self) -> None:
         super()._start()
