@@ -54,7 +54,7 @@ class Outstanding:
         if made in self._stored:
             raise PredictorError(f"A forecast made at {made} is stored already: a time is forecast once.")
         said = forecast if isinstance(forecast, Forecast) else Forecast(forecast)
-        shape = getattr(said.positions, "shape", ())
+        shape: tuple[int, ...] = tuple(getattr(said.positions, "shape", ()))
         if len(shape) != 4 or shape[2:] != (FUTURE, 2):
             raise PredictorError(
                 f"The forecast made at {made} is a {type(said.positions).__name__} of shape {shape}: positions are an "

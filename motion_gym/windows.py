@@ -177,6 +177,12 @@ def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) ->
     return np.arange(sizes.sum()) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
 
 
+def whole_scenes(truth: Truth) -> np.ndarray:
+    """Numbers of the scenes of which all is known."""
+    unknown = truth.observation.scene_index[~truth.known.all(axis=1)]
+    return np.setdiff1d(np.arange(truth.observation.scenes), unknown)
+
+
 def check_truth(truth: Any, what: str) -> Truth:
     """The truth, if it is one that can be scored.
 

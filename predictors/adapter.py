@@ -13,7 +13,7 @@ from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, Truth
 from motion_gym.harness import name_of
 from motion_gym.predictors.around import Around
-from motion_gym.windows import check_truth, pick_scenes
+from motion_gym.windows import check_truth, pick_scenes, whole_scenes
 
 KEPT = 32
 """Scenes that are remembered where it matters whether they were told before; more than the steps of a future."""
@@ -166,9 +166,3 @@ def scene_key(truth: Truth, scene: int) -> bytes:
     seen = truth.observation
     rows = slice(seen.scene[scene], seen.scene[scene + 1])
     return seen.agent[rows].tobytes() + seen.history[rows].tobytes()  # type: ignore[no-any-return]
-
-
-def whole_scenes(truth: Truth) -> np.ndarray:
-    """Numbers of the scenes of which all is known."""
-    unknown = truth.observation.scene_index[~truth.known.all(axis=1)]
-    return np.setdiff1d(np.arange(truth.observation.scenes), unknown)

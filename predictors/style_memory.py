@@ -9,7 +9,7 @@ from torch import Tensor
 from motion_gym.contract import PredictorError, Truth
 from motion_gym.predictors.pair_network import CODE
 from motion_gym.predictors.weighted import Weighted, Weights
-from motion_gym.windows import check_truth, pick_scenes
+from motion_gym.windows import check_truth, pick_scenes, whole_scenes
 
 
 class StyleMemory(Weighted):
@@ -61,8 +61,7 @@ class StyleMemory(Weighted):
     @staticmethod
     def whole_scenes(truth: Truth) -> Truth | None:
         """Those scenes that show a style, and whose 20 steps are all known; None if there are none."""
-        index = truth.observation.scene_index[~truth.known.all(axis=1)]
-        whole = np.setdiff1d(np.arange(truth.observation.scenes), index)
+        whole = whole_scenes(truth)
         return pick_scenes(truth, whole) if len(whole) else None
 
     def _codes(self, weights: Weights, shown: Truth | None = None) -> Tensor:
