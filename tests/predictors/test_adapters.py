@@ -242,7 +242,7 @@ def test_one_gradient_step_is_that_of_the_mean_distance(crowd):
         ("ema_anchor", "linear", PredictorError, "`linear` is adapted by kalman"),
         ("ekf", "linear", PredictorError, "no weights that gradients reach"),
         ("kalman", "constant_velocity", PredictorError, "no linear last layer that can be replaced"),
-        ("kalman", "linear", PredictorError, "not fitted: fit it, and give the fitted predictor"),
+        ("kalman", "linear", PredictorError, "not fitted: give it fitted"),
         (
             "finetune:parts=style",
             STGAT,
