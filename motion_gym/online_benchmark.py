@@ -55,8 +55,7 @@ class Shifts:
         streams: Arguments of ``stream`` by kind, without the seed.
         oracle: Predictors that were trained on the target, without the seed: by domain, or one for all.
         rows: Adapters.
-        chosen_on: Arguments of ``stream`` of another shift, on frames that are neither trained on nor scored, which
-            settings are chosen on.
+        chosen_on: Arguments of ``stream`` of another shift, on frames that are not scored, which settings are chosen on.
         chosen_with: Weights that are used there.
     """
 
@@ -139,7 +138,7 @@ SHIFTS: Mapping[str, Shifts] = {
         _kinds(("hotel", "zara1", "univ"), (200, 200, 200), ("hotel", "zara1", "univ", "hotel")),
         "erm_no_sigma:weights=original/zara2",
         STGAT_ROWS,
-        {"domains": ["zara2", "eth6"], "frames": 200, "split": "val"},
+        {"domains": ["zara2", "eth6"], "frames": 200},
         "online/places",
     ),
 }

@@ -251,7 +251,7 @@ def short(folder: Path) -> str:
     for name, shifts in SHIFTS.items():
         everything = [r for results in rows_of(found, name, "sudden").values() for r in results]
         lines += [f"- {shifts.title} (`{shifts.source}`): {note}." for note in notes(everything)[:1]]
-    chosen_on = "settings were chosen on another shift, on frames that are neither trained on nor scored"
+    chosen_on = "settings were chosen on another shift, on frames that are not scored"
     lines += [f"- {LEGEND[0]}.", f"- {chosen_on}."]
     return "\n".join(lines)
 
