@@ -55,7 +55,7 @@ class Shifts:
         streams: Arguments of ``stream`` by kind, without the seed.
         oracle: Predictors that were trained on the target, without the seed: by domain, or one for all.
         rows: Adapters.
-        chosen_on: Arguments of ``stream`` of another shift, on frames that are not scored, which settings are chosen on.
+        chosen_on: Arguments of ``stream`` of another shift, which settings are chosen on; its frames are not scored.
         chosen_with: Weights that are used there.
     """
 
