@@ -148,7 +148,7 @@ LEGEND = (
     "on return: by how much more than that of `none` the ADE of the first domain has grown when it comes back, where "
     f"at least {TRAIL} forecasts matured in each visit",
     "ms per observe: median / 95th percentile of all calls, also those that only remember; ms per step: 95th "
-    "percentile of that and the forecasts together",
+    "percentile of that and the forecasts together; of a machine that did other things as well",
 )
 
 
