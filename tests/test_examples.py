@@ -57,9 +57,11 @@ def test_every_example_is_tested():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {
         "gymnasium_loop.py",
         "new_style.py",
+        "own_adapter.py",
         "own_domain.py",
         "own_predictor.py",
         "pettingzoo_loop.py",
+        "robot_loop.py",
     }
 
 
@@ -97,3 +99,17 @@ def test_new_style(folder):
     assert plain < found["modular_invariant, 0 scenes"]
     assert found["refine, 128 scenes"] < plain and found["transfer, 128 scenes"] < plain
     assert found["refine:of=transfer, 128 scenes"] < found["transfer, 128 scenes"]
+
+
+def test_own_adapter(folder):
+    plain, adapted = python(folder, "own_adapter.py").splitlines()
+    errors = [float(*found(r": ADE (\d\.\d+) \[", line)) for line in (plain, adapted)]
+    assert plain.startswith("ConstantVelocity on") and adapted.startswith("Stretch on") and errors[1] < errors[0]
+    assert " 0 updates" in plain and " 0 updates" not in adapted
+
+
+def test_robot_loop(folder):
+    pytest.importorskip("torch")
+    said = python(folder, "robot_loop.py").splitlines()
+    error = {line.split(":")[0]: float(*found(r"ADE (\d\.\d+) m over 120 matured", line)) for line in said}
+    assert error["style"] < error["none"] and error["kalman"] < error["none"]
