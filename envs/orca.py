@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +34,12 @@ ANGLE = np.deg2rad(45)
 TRIES = 30
 TRIAL, ROOM = 200, 0.1
 """Scenes on which it is tried whether there is room for the agents, and the share of them that must find it at once."""
+
+
+@functools.lru_cache(maxsize=8)
+def _made(kind: type[Orca], **parameters: Any) -> Orca:
+    """A domain that others with the same sources read the same windows of."""
+    return kind(**parameters)
 
 
 class Orca(RecordedDomain):
@@ -114,7 +122,7 @@ class Orca(RecordedDomain):
 
     def sources(self, styles: Sequence[float] = SOURCE_STYLES) -> list[Orca]:  # type: ignore[override]
         """Crowds of other styles to train on, everything else as here; by default those of the paper, 0.1, 0.3, 0.5."""
-        return [self.replace(d=d) for d in styles]  # type: ignore[misc]
+        return [_made(type(self), **{**self.parameters, "d": float(d)}) for d in styles]  # type: ignore[arg-type]
 
     def infeasible(self, split: str) -> int:
         """Scenes of a split in which some agent once had no velocity that satisfies all half-planes."""

@@ -191,16 +191,23 @@ def _resampled_means(
         raise SpecError("values holds infinite values; only NaN may stand for a value that could not be computed.")
     there = ~np.isnan(table)
     ids, index = np.unique(cluster, return_inverse=True)
+    same = there.shape[1] > 0 and there.all()  # most often, and then one column counts for all
+    kinds, kind = (there[:, :1], np.zeros(there.shape[1], int)) if same else (there, np.arange(there.shape[1]))
     columns = [np.bincount(index, column, minlength=len(ids)) for column in np.where(there, table, 0.0).T]
-    columns += [np.bincount(index, column, minlength=len(ids)) for column in there.T]
+    columns += [np.bincount(index, column, minlength=len(ids)) for column in kinds.T]
     sums = np.stack(columns, axis=1) if columns else np.empty((len(ids), 0))
-    mean = _ratio(sums.sum(axis=0))
     metrics = table.shape[1]
-    enough = (sums[:, metrics:] > 0).sum(axis=0) >= 2
+
+    def ratio(sums: np.ndarray) -> np.ndarray:
+        total, count = sums[..., :metrics], sums[..., metrics:][..., kind]
+        return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+
+    mean = ratio(sums.sum(axis=0))
+    enough = ((sums[:, metrics:] > 0).sum(axis=0) >= 2)[kind]
     if not enough.any():
         return mean, np.full((replicates, metrics), np.nan)
     drawn = _resamples(len(ids), replicates, seed)
-    means = np.concatenate([_ratio(weights.astype(np.float64, copy=False) @ sums) for weights in drawn])
+    means = np.concatenate([ratio(weights.astype(np.float64, copy=False) @ sums) for weights in drawn])
     return mean, np.where(enough, means, np.nan)
 
 
@@ -209,9 +216,9 @@ def _resamples(clusters: int, replicates: int, seed: int) -> Iterable[np.ndarray
     return (_kept if clusters * replicates <= MOST_KEPT else _drawn)(clusters, replicates, seed)
 
 
-@functools.lru_cache(maxsize=2)
+@functools.lru_cache(maxsize=1)
 def _kept(clusters: int, replicates: int, seed: int) -> list[np.ndarray]:
-    return [block.astype(np.uint16) for block in _drawn(clusters, replicates, seed)]
+    return [block.astype(np.min_scalar_type(int(block.max()))) for block in _drawn(clusters, replicates, seed)]
 
 
 def _drawn(clusters: int, replicates: int, seed: int) -> Iterator[np.ndarray]:
@@ -227,12 +234,6 @@ def _drawn(clusters: int, replicates: int, seed: int) -> Iterator[np.ndarray]:
         drawn += np.arange(rows)[:, None] * clusters
         counts = np.bincount(drawn.ravel(), minlength=rows * clusters)
         yield counts.reshape(rows, clusters).astype(np.float64)
-
-
-def _ratio(sums: np.ndarray) -> np.ndarray:
-    """Sums over counts, the two halves of the last axis; NaN where nothing was counted."""
-    total, count = np.split(sums, 2, axis=-1)
-    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
 
 
 def _percentiles(means: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -129,7 +130,8 @@ class RecordedDomain:
 
     def _counts(self) -> dict[str, dict[str, int]]:
         read = self.__dict__.get("_made_once", {})
-        return {split: counts(read[key]) for split in self.splits if (key := f"windows of {split}") in read}
+        there = [(split, read[key]) for split in self.splits if (key := f"windows of {split}") in read]
+        return {split: dict(self.kept(f"counts of {split}", partial(counts, truth))) for split, truth in there}
 
     def __getstate__(self) -> dict[str, Any]:
         return {key: value for key, value in vars(self).items() if key != "_made_once"}

@@ -32,7 +32,7 @@ from motion_gym.domains import spec_of
 from motion_gym.harness import ask, name_of, ready, selection_of, tell, tune, windows_of_domain
 from motion_gym.metrics import error_by_horizon, metric_rows, score
 from motion_gym.pettingzoo_env import ForecastEnv
-from motion_gym.windows import counts, pick_scenes
+from motion_gym.windows import counts, pick_scenes, pick_scenes_of, rows_of
 
 PROTOCOLS: Mapping[str, str] = {
     "honest": "style read from reference scenes disjoint from those scored; k = 1 unless stated",
@@ -41,6 +41,7 @@ PROTOCOLS: Mapping[str, str] = {
 PAPER_BATCH = 64
 """Scenes of a test batch of the released program, whose own future the ``paper`` protocol reads the style from."""
 PROBED_SCENES = 32
+ASKED_AGAIN = 512
 BASELINE = "constant_velocity"
 
 
@@ -301,17 +302,24 @@ def _check_scenes_apart(predictor: Predictor, observation: Observation, forecast
     """Ask again with all but a few scenes changed: the forecasts of those few must stay.
 
     Windows overlap: the history of a later one holds the future of an earlier one, and all of them are in one batch.
+    Of a predictor that gives one sample only some scenes are asked for again; the random numbers of others may depend
+    on how many there are.
     """
     if observation.scenes < 2:
         return
     rng = np.random.default_rng()  # of no seed, so that no predictor can know which scenes are looked at
+    positions = forecast.positions
+    if positions.shape[1] == 1 and observation.scenes > ASKED_AGAIN:
+        some = rng.choice(observation.scenes, ASKED_AGAIN, replace=False)
+        positions = positions[rows_of(observation, some)]
+        observation = pick_scenes_of(observation, some)
     kept = rng.choice(observation.scenes, min(PROBED_SCENES, observation.scenes // 2), replace=False)
     stays = np.isin(observation.scene_index, kept)
     history = observation.history.copy()
     history[~stays, :, :2] += rng.normal(0, 0.5, (int((~stays).sum()), HISTORY, 2)).cumsum(axis=1).astype(np.float32)
     other = ask(predictor, dataclasses.replace(observation, history=history), k, seed)
-    same = other.positions.shape == forecast.positions.shape
-    off = np.abs(other.positions[stays] - forecast.positions[stays]).max(initial=0) if same else np.inf
+    same = other.positions.shape == positions.shape
+    off = np.abs(other.positions[stays] - positions[stays]).max(initial=0) if same else np.inf
     if off > 1e-3:
         raise PredictorError(
             f"{name_of(predictor)} forecasts a scene otherwise when other scenes of the batch change (by up to "

@@ -156,8 +156,8 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
     # finite in float64 may not be in float32.
     with np.errstate(over="ignore"):
         positions = np.array(positions, np.float32)
-    finite = np.isfinite(positions).all(axis=(1, 2, 3))
-    if not finite.all():
+    if not np.isfinite(positions).all():
+        finite = np.isfinite(positions).all(axis=(1, 2, 3))
         bad = int(np.flatnonzero(~finite)[0])
         raise PredictorError(
             f"{name}.predict returned NaN or infinite positions for {int((~finite).sum())} of {agents} agents, the "

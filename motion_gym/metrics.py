@@ -11,7 +11,7 @@ so that deterministic predictors can be scored for any k; otherwise fewer than k
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -228,12 +228,16 @@ def score(forecast: Forecast, truth: Truth, k: int = 1) -> dict[str, np.ndarray]
         PredictorError: The forecast has the wrong shape, fewer than k samples, or impossible values.
         DataError: The truth contradicts itself.
     """
-    checked = _Checked(_checked(forecast, truth), forecast.weights)
+    checked = _Checked(_checked(forecast, truth), forecast.weights, error=_most_likely_error(forecast, truth))
     return {metric.name: metric(checked, truth, k) for metric in metric_rows(k)}
 
 
+@dataclass(frozen=True, eq=False)
 class _Checked(Forecast):
     """A forecast that ``score`` has held against its truth, so that not every metric does it again."""
+
+    error: np.ndarray = field(kw_only=True)
+    """[A, 12] of the most likely sample, metres."""
 
 
 def distance(difference: np.ndarray) -> np.ndarray:
@@ -253,6 +257,8 @@ def mean_over_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _most_likely_error(forecast: Forecast, truth: Truth) -> np.ndarray:
+    if isinstance(forecast, _Checked):
+        return forecast.error
     _checked(forecast, truth)
     return distance(forecast.most_likely().astype(np.float64) - truth.future)
 
@@ -339,7 +345,7 @@ def _checked(forecast: Forecast, truth: Truth) -> np.ndarray:
         )
     if len(scene) == 0 or scene[0] != 0 or scene[-1] != agents or (np.diff(scene) < 0).any():
         raise DataError(f"scene must rise from 0 to the {agents} agents of the truth, but is {scene}.")
-    if not np.isfinite(truth.future[_known(truth)]).all():
+    if not np.isfinite(truth.future).all() and not np.isfinite(truth.future[_known(truth)]).all():
         raise DataError("Truth holds steps that are marked as known but are not finite.")
     if not isinstance(forecast, Forecast):
         raise PredictorError(f"Expected a Forecast, got {type(forecast).__name__}; wrap it: Forecast(positions).")

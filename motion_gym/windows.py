@@ -211,8 +211,8 @@ def check_truth(truth: Any, what: str) -> Truth:
         raise DataError(
             f"{what}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
         )
-    pairs = np.stack([seen.scene_index, seen.agent], axis=1)
-    if len(np.unique(pairs, axis=0)) < agents:
+    order, scene = np.lexsort((seen.agent, seen.scene_index)), seen.scene_index
+    if ((np.diff(seen.agent[order]) == 0) & (np.diff(scene[order]) == 0)).any():
         raise DataError(f"{what}: an agent is in one scene twice; give every agent of a scene an id of its own.")
     if seen.history.shape[2] < 2 or not np.isfinite(seen.history).all() or not np.isfinite(truth.future).all():
         raise DataError(f"{what}: history and future must be finite, and 0 where they are not known.")
