@@ -4,6 +4,7 @@ import resource
 import time
 
 import numpy as np
+import torch
 from machine import machine
 
 import motion_gym
@@ -74,7 +75,8 @@ def costs() -> None:
 
 
 if __name__ == "__main__":
-    print(f"Online, labels matured. {machine()}")
+    torch.set_num_threads(1)  # so few agents are not worth a second one
+    print(f"Online, labels matured. {machine()}; torch {torch.__version__}, 1 thread")
     long_stream()
     print(f"realtime, a step of 0.4 s, {AGENTS} agents; median / 95th percentile:")
     costs()

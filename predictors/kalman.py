@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections import OrderedDict
 from pathlib import Path
@@ -86,6 +87,12 @@ class Kalman(Adapter):
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "layers": OrderedDict()}  # only to save time, and it cannot be pickled
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Kalman:
+        made = object.__new__(type(self))
+        vars(made).update({k: copy.deepcopy(v, memo) for k, v in vars(self).items() if k != "layers"})
+        made.layers = self.layers  # what a copy that learns meanwhile will need was asked of this one
+        return made
 
     def _layer(self, observation: Observation) -> LastLayer:
         style = getattr(self.inner, "observed", np.zeros(0)), getattr(self.inner, "scenes", 0)
