@@ -234,25 +234,9 @@ def _step(run: _Run, played: Stream, labels: str, scope: str, realtime: bool, co
             guarded(run.predictor, "know", played.segments[segment].domain)
     if run.learner is not None and seconds >= run.learner[1] - 1e-9:  # 0.4 s after 12 x 0.4 s is at 13 x 0.4 s
         run.predictor, run.learner = run.learner[0], None
-    if truth is not None and hasattr(run.predictor, "observe"):
-        if run.learner is not None:
-            run.skipped += 1
-        else:
-            before, undone = _count(run.predictor), _count(run.predictor, "rolled_back") or 0
-            learner = _copied(run.predictor) if realtime else run.predictor
-            began = time.perf_counter()
-            tell(learner, truth)
-            spent = time.perf_counter() - began
-            run.ticks[run.at, 0] = spent
-            after = _count(learner)
-            learned = 1 if after is None or before is None else max(after - before, 0)
-            run.updates[segment] += learned
-            run.rolled_back += (_count(learner, "rolled_back") or 0) - undone
-            done = seconds + (spent if cost is None else cost * (learned > 0))
-            if realtime and done > seconds:
-                run.learner = learner, done
-            else:
-                run.predictor = learner
+    measured = realtime and cost is None
+    if not measured:
+        _learn(run, truth, segment, seconds if realtime else None, cost)
     future = clock.truth_at(run.at)
     observation = future.observation
     # At powers of two: as often as is cheap, and never at the same times as whoever knows how long a stream is.
@@ -267,10 +251,35 @@ def _step(run: _Run, played: Stream, labels: str, scope: str, realtime: bool, co
             "observe(truth) alone, after the forecast was scored."
         )
     run.waiting.store(now, observation, forecast)
+    if measured:  # meanwhile: it is of use from the next step on, at the earliest
+        _learn(run, truth, segment, seconds)
     # Nobody is known to have left before the step at which they are missed.
     due = now + min(int(future.known.sum(axis=1).max()) + 1, FUTURE)
     run.futures[now] = future, min(due, clock.tracks.ticks), clock.persons_at(run.at)
     run.at += 1
+
+
+def _learn(run: _Run, truth: Truth | None, segment: int, now: float | None = None, cost: float | None = None) -> None:
+    """Let the predictor learn; given the time now, a copy of it, that takes the cost, or as long as it takes."""
+    if truth is None or not hasattr(run.predictor, "observe"):
+        return
+    if run.learner is not None:
+        run.skipped += 1
+        return
+    before, undone = _count(run.predictor), _count(run.predictor, "rolled_back") or 0
+    learner = run.predictor if now is None else _copied(run.predictor)
+    began = time.perf_counter()
+    tell(learner, truth)
+    spent = time.perf_counter() - began
+    run.ticks[run.at, 0] = spent
+    after = _count(learner)
+    learned = 1 if after is None or before is None else max(after - before, 0)
+    run.updates[segment] += learned
+    run.rolled_back += (_count(learner, "rolled_back") or 0) - undone
+    if now is None or (cost is not None and not cost * learned):
+        run.predictor = learner
+    else:
+        run.learner = learner, now + (spent if cost is None else cost)
 
 
 def _count(predictor: Any, what: str = "updates") -> int | None:

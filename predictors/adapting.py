@@ -63,6 +63,12 @@ class LastLayer:
     by_row: Callable[[np.ndarray], np.ndarray]
     by_step: Callable[[np.ndarray], np.ndarray]
 
+    def __post_init__(self) -> None:
+        for name in ("inputs", "weight"):  # copies of an adapter share them
+            array = getattr(self, name).view()
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
     @classmethod
     def of_moves(cls, observation: Observation, inputs: np.ndarray, weight: np.ndarray, moves: int) -> LastLayer:
         """A last layer whose outputs are ``moves`` successive displacements, rows in order of agents and steps.

@@ -91,7 +91,7 @@ class Kalman(Adapter):
     def __deepcopy__(self, memo: dict[int, Any]) -> Kalman:
         made = object.__new__(type(self))
         vars(made).update({k: copy.deepcopy(v, memo) for k, v in vars(self).items() if k != "layers"})
-        made.layers = self.layers  # what a copy that learns meanwhile will need was asked of this one
+        made.layers = self.layers.copy()  # nobody changes a layer
         return made
 
     def _layer(self, observation: Observation) -> LastLayer:
