@@ -105,6 +105,9 @@ ADAPTERS = {
     "finetune": Entry("motion_gym.predictors.finetune:Finetune", "gradient steps on new and remembered scenes"),
     "ema_anchor": Entry("motion_gym.predictors.finetune:EmaAnchor", "finetune, pulled back to the trained weights"),
     "kalman": Entry("motion_gym.predictors.kalman:Kalman", "recursive Bayesian last layer, in closed form"),
+    "hedge": Entry(
+        "motion_gym.predictors.hedge:Hedge", "kalman, the trained predictor and constant velocity, by errors"
+    ),
     "ekf": Entry("motion_gym.predictors.ekf:Ekf", "extended Kalman filter on a few weights"),
 }
 """Predictors around another one, that learn from revealed truth."""
