@@ -12,7 +12,7 @@ from rich.table import Table
 
 from motion_gym import catalog, online_report, online_results
 from motion_gym.cli_output import console, progress_bar, say
-from motion_gym.contract import SpecError
+from motion_gym.contract import PredictorError, SpecError
 from motion_gym.harness import ready
 from motion_gym.online import check_options
 from motion_gym.online_benchmark import BASELINE, NONE, ORACLE
@@ -70,6 +70,7 @@ def adapt(
         who[ORACLE] = TargetOracle(oracle)
     options = {"labels": labels, "scope": scope, "realtime": realtime, "cost": cost, "seed": seed}
     found: dict[str, list[dict[str, Any]]] = {}
+    failures = []
     with progress_bar() as progress:
         for row, made in who.items():
             task = progress.add_task(escape(row), total=None)
@@ -77,9 +78,16 @@ def adapt(
             def report(done: int, of: int, what: str, task: Any = task) -> None:
                 progress.update(task, total=of, completed=done, description=escape(what))
 
-            found[row] = [online_results.run(row, made, predictor, played, out, report, **options)]
+            try:
+                found[row] = [online_results.run(row, made, predictor, played, out, report, **options)]
+            except PredictorError as error:
+                if row in (BASELINE, NONE):
+                    raise  # every table needs them
+                failures.append(f"{row}: {error}")
             progress.remove_task(task)
     _print(found, played.labels)
+    if failures:
+        raise PredictorError("\n".join(failures))
     if out is not None:
         say(f"Results are in {out}.")
 
