@@ -1,6 +1,7 @@
 """An adapter of your own: it learns whether people go farther than they are forecast to, and stretches the forecasts.
 
-Run it, from this folder:  motion-gym adapt linear --adapter own_adapter:Stretch --stream eth --stream zara1
+Run it, from this folder:
+    motion-gym adapt constant_velocity --adapter own_adapter:Stretch --stream orca:d=0.3 --stream orca:d=0.6
 """
 
 import copy

@@ -269,6 +269,11 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
         raise SpecError(f"`{name}` is no {kind}: it has no signature that can be read.") from None
     if not any(p.kind is p.VAR_KEYWORD for p in known.values()):
         for key in arguments:
+            if key not in known and kind == "adapter" and key == "of":
+                raise SpecError(
+                    f"`{name}` is no adapter, as its constructor takes no predictor: let it begin `def __init__(self, "
+                    "of)`, and adapt a copy, `copy.deepcopy(of)`."
+                )
             if key not in known:
                 raise SpecError(f"{kind.capitalize()} `{name}` has no parameter `{key}`.{suggest(key, known)}")
     try:
@@ -276,6 +281,11 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
     except TypeError as error:
         ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
         missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
+        if missing == ["of"]:
+            raise SpecError(
+                f"`{name}` is an adapter, as it takes a predictor, `of`: name one, as `motion-gym check {name} --of "
+                "linear`, or motion_gym.adapter(...)."
+            ) from error
         if missing:
             raise SpecError(
                 f"{kind.capitalize()} `{name}` needs {', '.join(missing)}: `{name}:{missing[0]}=...`."

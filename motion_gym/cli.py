@@ -121,14 +121,15 @@ def table(
 
 
 def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None) -> None:
-    """List domains, predictors, adapters, protocols, metrics and data sets, or explain one domain or predictor.
+    """List domains, predictors, adapters, protocols, metrics and data sets, or explain one of the first three.
 
     Args:
-        name: Domain or predictor to explain, with its parameters; nothing lists them all.
+        name: Domain, predictor or adapter to explain, with its parameters; nothing lists them all.
     """
     if name is not None:
-        _is_predictor(name)  # says what is wrong with a name that is neither predictor nor domain
         target, _ = catalog.parse_spec(name)
+        if target not in catalog.ADAPTERS:
+            _is_predictor(name)  # says what is wrong with a name that is none of them
         entry = {**catalog.DOMAINS, **catalog.PREDICTORS, **catalog.ADAPTERS}.get(target)
         kind = catalog.load_class(entry.target if entry else target)
         say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")

@@ -17,7 +17,7 @@ from motion_gym.harness import ready
 from motion_gym.online import check_options
 from motion_gym.online_benchmark import BASELINE, NONE, ORACLE
 from motion_gym.report import number
-from motion_gym.streams import stream
+from motion_gym.streams import Stream, stream
 from motion_gym.target_oracle import TargetOracle
 
 
@@ -45,12 +45,14 @@ def adapt(
         predictor: The source model: name or spec, as modular_invariant:weights=style,seed=0.
         adapter: Name or spec of an adapter (see `motion-gym ls`), or your own (module:Class); again for each one.
         on: Domain to play; again for each one, in order.
-        kind: sudden, gradual, recurring or mixed.
-        frames: Frames of each visit of a domain; by default as many as there are, at most 4000.
+        kind: sudden: one domain after the other; recurring: and all over again; gradual: in blocks, of which more and
+            more are of the next; mixed: in blocks in random order.
+        frames: Frames of each visit of a domain, 200 or more where there are blocks; by default as many as the
+            shortest one has, at most 4000.
         cycles: Visits of each domain where they recur or mix.
         split: Split of the domains.
         labels: matured: the truth of a scene is told once; stepwise: step by step, as it happens.
-        scope: What was learned is forgotten at the end of a stream, of a place, or of an agent.
+        scope: What was learned is forgotten at the end of: stream, place, or agent.
         realtime: The stream does not wait for an update, and truth that comes meanwhile is lost.
         cost: Seconds that an update is declared to take in realtime; measured by default.
         oracle: A predictor that was trained on these domains, for the adaptation gain.
@@ -85,15 +87,15 @@ def adapt(
                     raise  # every table needs them
                 failures.append(f"{row}: {error}")
             progress.remove_task(task)
-    _print(found, played.labels)
+    _print(found, played)
     if failures:
         raise PredictorError("\n".join(failures))
     if out is not None:
         say(f"Results are in {out}.")
 
 
-def _print(found: dict[str, list[dict[str, Any]]], labels: list[str]) -> None:
-    names = list(dict.fromkeys(labels))
+def _print(found: dict[str, list[dict[str, Any]]], played: Stream) -> None:
+    names = list(dict.fromkeys(played.labels))
     console.print(f"[bold]{escape(next(iter(found.values()))[0]['stream'])}", highlight=False)
     first = Table(header_style="bold", box=box.SIMPLE_HEAD)
     for place, name in enumerate(("method", "ADE [95 %]", *(f"on {name}" for name in names))):
@@ -104,17 +106,22 @@ def _print(found: dict[str, list[dict[str, Any]]], labels: list[str]) -> None:
         cells = [f"{number(ade['mean'])} [{number(ade['low'])}, {number(ade['high'])}]", *means]
         first.add_row(escape(row), *cells)
     console.print(first)
+    by_row = {row: online_report.cells_of(results, found[NONE], found.get(ORACLE)) for row, results in found.items()}
     second = Table(header_style="bold", box=box.SIMPLE_HEAD)
-    columns = [c for c in online_report.COLUMNS if c != "ADE"]
-    for place, name in enumerate(columns):
-        second.add_column(escape(name), justify="right" if place else "left", overflow="fold")
-    for row, results in found.items():
-        _, *cells = online_report.cells_of(results, found[NONE], found.get(ORACLE))
-        second.add_row(escape(row), *map(escape, cells))
+    second.add_column("method", no_wrap=True)
+    told = [
+        n for n, c in enumerate(online_report.COLUMNS[1:]) if c != "ADE" and any(r[n] != "-" for r in by_row.values())
+    ]
+    for n in told:
+        head = online_report.COLUMNS[1 + n]
+        second.add_column(head, justify="right", overflow="fold", min_width=max(map(len, head.split())))
+    for row, values in by_row.items():
+        second.add_row(escape(row), *(escape(values[n]) for n in told))
     console.print(second)
     everything = [r for results in found.values() for r in results]
-    legend = [*online_report.notes(everything), *online_report.LEGEND]
-    if ORACLE not in found:
+    shown = {online_report.COLUMNS[1 + n] for n in told}
+    legend = [*online_report.notes(everything), *(t for t in online_report.LEGEND if t.partition(":")[0] in shown)]
+    if len(played.segments) > 1 and ORACLE not in found:
         legend.append("no oracle was named, so that there is no gain: --oracle PREDICTOR, trained on these domains")
     for line in legend:
         console.print(escape(line), style="dim", highlight=False)

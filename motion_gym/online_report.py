@@ -60,7 +60,7 @@ def cells_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence
     updates += f" ({sum(r['skipped'] for r in results)} skipped)" if any(r["realtime"] for r in results) else ""
     return [
         spread(ade),
-        spread(after),
+        spread(after) if len(results[0]["segments"]) > 1 else "-",
         "-" if share is None else f"{share:.2f}",
         recovered(results, oracle),
         returned(results, none),
@@ -100,9 +100,9 @@ def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str
         found.append(recovery(shift, levels))
     there = [f for f in found if f is not None]
     if not there:
-        return f"never (0 of {len(found)})"
+        return "never" + (f" (0 of {len(found)})" if len(found) > 1 else "")
     forecasts, seconds = np.median(there, axis=0)
-    return f"{forecasts:.0f} ({seconds:.0f} s; {len(there)} of {len(found)})"
+    return f"{forecasts:.0f} ({seconds:.0f} s" + (f"; {len(there)} of {len(found)})" if len(found) > 1 else ")")
 
 
 def first_shift(result: Result) -> dict[str, Any] | None:
@@ -123,7 +123,7 @@ def returned(results: Sequence[Result], none: Sequence[Result]) -> str:
 
     pairs = zip(results, none, strict=True)
     found = [mine / theirs - 1 for r, n in pairs for mine, theirs in zip(growth(r), growth(n), strict=False) if theirs]
-    return f"{100 * np.mean(found):+.0f} %" if found else "-"
+    return f"{100 * np.mean(found):+.1f} %" if found else "-"
 
 
 def notes(results: Sequence[Result]) -> list[str]:
@@ -132,9 +132,12 @@ def notes(results: Sequence[Result]) -> list[str]:
     matured = sorted({r["ade"]["agent_windows"] for r in results})
     censored = sorted({r["censored"] for r in results})
     agents = sorted({r["ade"]["agents"] for r in results})
+    single = len({r["row"] for r in results}) == len(results)
+    spread_is = "mean ± standard error over seeds, the interval of every run is in its file"
     lines = [
         f"protocol honest, k = 1; {_span(matured)} matured forecasts of {_span(agents)} agents, {_span(censored)} "
-        "censored; mean ± standard error over seeds, the interval of every run is in its file",
+        "censored (whose people left before 4.8 s were over); "
+        + ("[95 %]: bootstrap of whole agents" if single else spread_is),
         f"labels {first['labels']}: {LABELS[first['labels']]}; reset for each {first['scope']}",
     ]
     return lines + [leak for leak in dict.fromkeys(leak for r in results for leak in r["leaks"])]
@@ -144,7 +147,7 @@ LEGEND = (
     "gain: (none - adapted) / (none - oracle), of the mean ADE after the first shift",
     f"recovered after: matured forecasts (and seconds) from the first change of domain until the mean over the last "
     f"{TRAIL} is at most 10 % above the oracle's of the same time (without an oracle: above the ADE before); looked at "
-    f"every {EVERY} forecasts, so at least {TRAIL}; median of the runs that did",
+    f"every {EVERY} forecasts, so at least {TRAIL}; median of the runs that did; - where fewer matured in a visit",
     "on return: by how much more than that of `none` the ADE of the first domain has grown when it comes back, where "
     f"at least {TRAIL} forecasts matured in each visit",
     "ms per observe: median / 95th percentile of all calls, also those that only remember; ms per step: 95th "

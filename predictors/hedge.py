@@ -21,12 +21,12 @@ EXPERTS = ("trained", "adapted", "constant velocity")
 class Hedge(Kalman):
     """A mean of three forecasts: the trained predictor's, the Kalman filter's, and constant velocity's.
 
-    The trained predictor is as it came, without a style, which the filter's has. How much each is trusted follows its
-    errors (Herbster and Warmuth, "Tracking the best expert", 1998): with each
+    The trained predictor is as it came, without a style; the filter's reads that of the last scenes. How much each is
+    trusted follows its errors (Herbster and Warmuth, "Tracking the best expert", Machine Learning 32, 1998): with each
     truth that matures the trust in an expert is multiplied by exp(-rate * its ADE / the mean ADE of the three), and a
     share of all trust is spread evenly, so that who was wrong for long is soon believed again. Where an old domain
-    returns the trained predictor is soon trusted, and where nothing that was learned is of use, constant velocity.
-    The filter learns whoever is trusted.
+    returns the trained predictor is soon trusted, and where nothing that was learned is of use, constant velocity. The
+    filter learns, whoever is trusted.
 
     Args:
         of: As of ``kalman``.

@@ -29,6 +29,18 @@ class Learns(Bias):
     def predict(self, observation, samples=1, seed=0):
         self.bias = self.bias + 0.1
         return super().predict(observation, samples, seed)
+
+
+class Counts(Bias):
+    """Keeps in a list how often it was asked."""
+
+    def reset(self):
+        super().reset()
+        self.asked = []
+
+    def predict(self, observation, samples=1, seed=0):
+        self.asked.append(observation)
+        return super().predict(observation, samples, seed) + 0.001 * len(self.asked)
 '''
 
 
@@ -66,7 +78,11 @@ def test_a_table_with_the_source_and_constant_velocity(capsys, folder):
 
 @pytest.mark.parametrize(
     ("own", "said"),
-    [("Breaks", "the wheel came off"), ("Learns", "learns when it is asked: predict changed bias")],
+    [
+        ("Breaks", "the wheel came off"),
+        ("Learns", "learns when it is asked: predict changed bias"),
+        ("Counts", "learns when it is asked: predict changed what it answers to the same question"),
+    ],
 )
 def test_one_that_fails_leaves_the_others_their_table(capsys, own, said):
     out, message = adapt(capsys, f"linear --adapter broken_adapters:{own} --adapter kalman {SHORT}")
