@@ -207,9 +207,12 @@ class _Run:
         self.score_epoch = torch.zeros(len(seeds), dtype=torch.int64)
         self.epoch, self.seconds = 0, 0.0
         self.curve: list[dict[str, Any]] = []
-        # One group for each weight, so that its rate can change from stage to stage.
-        groups = [{"params": [value]} for value in self.weights.values()]
-        self.adam = torch.optim.Adam(groups, lr=0.0)
+        # Together go those that have the same rate in every stage.
+        self.groups: dict[tuple[float, ...], list[str]] = {}
+        for name in self.weights:
+            self.groups.setdefault(tuple(_rate(stage, name) for stage in program.stages), []).append(name)
+        groups = [{"params": [self.weights[name] for name in names]} for names in self.groups.values()]
+        self.adam = torch.optim.Adam(groups, lr=0.0, fused=True)
 
     def stage(self) -> int:
         """Index of the stage of the current epoch."""
@@ -230,9 +233,10 @@ class _Run:
         if self.epoch == before:
             self.state = self.program.state(len(self.seeds))
         decay = (1 + math.cos(math.pi * (self.epoch - before) / stage.epochs)) / 2 if stage.decays else 1.0
-        for group, (name, value) in zip(self.adam.param_groups, self.weights.items(), strict=True):
-            group["lr"] = decay * _rate(stage, name)
-            value.requires_grad_(group["lr"] > 0)
+        for group, rates in zip(self.adam.param_groups, self.groups, strict=True):
+            group["lr"] = decay * rates[index]
+            for value in group["params"]:
+                value.requires_grad_(group["lr"] > 0)
         losses = []
         for loss in self.program.losses(self.weights, self.state, index, self.generators(0), self.epoch):
             self.adam.zero_grad()

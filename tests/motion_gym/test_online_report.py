@@ -48,7 +48,7 @@ def test_forgetting_is_growth_beyond_that_of_the_source_model():
     none = result(("a", 0.2, 60), ("b", 1.0, 60), ("a", 0.4, 60), ("b", 1.0, 60))
     mine = result(("a", 0.2, 60), ("b", 0.9, 60), ("a", 0.5, 60), ("b", 0.3, 60))
     assert online_report.returned([mine], [none]) == "+25.0 %"
-    assert online_report.returned([none], [none]) == "+0 %"
+    assert online_report.returned([none], [none]) == "+0.0 %"
     still = result(("a", 0.0, 60), ("b", 0.9, 60), ("a", 0.5, 60), ("b", 0.3, 60))
     assert online_report.returned([still], [none]) == "-"
 
