@@ -59,12 +59,20 @@ def costs() -> None:
     stream = motion_gym.stream(Crowd(120, life=100_000))
     linear = ready("linear", motion_gym.domain("orca:d=0.3,scenes=200"))
     for of, rows in (
-        (linear, ("none", "kalman")),
+        (linear, ("none", "kalman", "hedge")),
         (
             "erm_no_sigma:weights=original/zara2",
-            ("none", "kalman", "finetune:parts=last_layer", "finetune:parts=all", "ema_anchor", "ekf:parts=last_layer"),
+            (
+                "none",
+                "kalman",
+                "hedge",
+                "finetune:parts=last_layer",
+                "finetune:parts=all",
+                "ema_anchor",
+                "ekf:parts=last_layer",
+            ),
         ),
-        ("modular_stgat", ("none", "style", "kalman", "refine:memory=16", "finetune:parts=modulator")),
+        ("modular_stgat", ("none", "style", "kalman", "hedge", "refine:memory=16", "finetune:parts=modulator")),
     ):
         name = of if isinstance(of, str) else "linear"
         for row in rows:
