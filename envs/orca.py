@@ -122,7 +122,8 @@ class Orca(RecordedDomain):
 
     def sources(self, styles: Sequence[float] = SOURCE_STYLES) -> list[Orca]:  # type: ignore[override]
         """Crowds of other styles to train on, everything else as here; by default those of the paper, 0.1, 0.3, 0.5."""
-        return [_made(type(self), **{**self.parameters, "d": float(d)}) for d in styles]  # type: ignore[arg-type]
+        others = [self.replace(d=d) for d in styles]
+        return [_made(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
 
     def infeasible(self, split: str) -> int:
         """Scenes of a split in which some agent once had no velocity that satisfies all half-planes."""

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import resource
-import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +13,7 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.bootstrap import Difference, Summary, paired_difference, summarise
+from motion_gym.cards import declared_leaks, in_json, peak_memory
 from motion_gym.contract import (
     HISTORY,
     MOST_SAMPLES,
@@ -355,20 +354,6 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, k: int, seed: int) -
     return Forecast.join(parts)
 
 
-def declared_leaks(card: Card, leaking: bool, selected: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
-    """What reads the future on purpose, as sentences."""
-    leaks = []
-    if card.name in (catalog.parse_spec(spec)[0] for spec in trained_on) and getattr(kind, "tests_on_train", False):
-        leaks.append(f"the weights were trained on windows of {card.name} that are scored here")
-    if card.side_channels:
-        leaks.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
-    if selected:
-        leaks.append("leak of the paper protocol: tuned as long as is best on validation scenes of the domain")
-    if leaking:
-        leaks.append("leak of the paper protocol: the style is read from the scored scenes' own future")
-    return tuple(leaks)
-
-
 def _scored(truth: Truth) -> str:
     """Which agents were scored, as the truth itself says."""
     least = int(np.diff(truth.observation.scene).min())
@@ -384,20 +369,3 @@ def _shared_agents(a: Truth, b: Truth) -> int:
         return [row.tobytes() for row in both]
 
     return len(set(steps(a)) & set(steps(b)))
-
-
-def peak_memory() -> int:
-    """Bytes, of the whole process so far."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return int(peak if sys.platform == "darwin" else peak * 1024)
-
-
-def in_json(value: Any) -> Any:
-    """The value in JSON types; what is not finite becomes None."""
-    if isinstance(value, Mapping):
-        return {str(key): in_json(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [in_json(item) for item in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value

@@ -228,7 +228,8 @@ def score(forecast: Forecast, truth: Truth, k: int = 1) -> dict[str, np.ndarray]
         PredictorError: The forecast has the wrong shape, fewer than k samples, or impossible values.
         DataError: The truth contradicts itself.
     """
-    checked = _Checked(_checked(forecast, truth), forecast.weights, error=_most_likely_error(forecast, truth))
+    plain = Forecast(_checked(forecast, truth), forecast.weights)
+    checked = _Checked(plain.positions, plain.weights, error=_error(plain, truth))
     return {metric.name: metric(checked, truth, k) for metric in metric_rows(k)}
 
 
@@ -260,6 +261,10 @@ def _most_likely_error(forecast: Forecast, truth: Truth) -> np.ndarray:
     if isinstance(forecast, _Checked):
         return forecast.error
     _checked(forecast, truth)
+    return _error(forecast, truth)
+
+
+def _error(forecast: Forecast, truth: Truth) -> np.ndarray:
     return distance(forecast.most_likely().astype(np.float64) - truth.future)
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.cards import declared_leaks, peak_memory
 from motion_gym.contract import FUTURE, DataError, Domain, Predictor, PredictorError, SpecError, Truth
-from motion_gym.evaluation import declared_leaks, peak_memory
 from motion_gym.harness import ask, guarded, name_of, ready, selection_of, tell
 from motion_gym.metrics import distance, mean_over_known
 from motion_gym.online_score import OnlineCard, SegmentScore, curve_of, returns_of, shifts_of, summary_of

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.bootstrap import Summary, clustered_interval
-from motion_gym.evaluation import in_json
+from motion_gym.cards import in_json
 
 TRAIL = 50
 """Matured forecasts of a trailing mean."""

@@ -67,16 +67,16 @@ class Hedge(Kalman):
         self.trust = np.full(len(EXPERTS), 1 / len(EXPERTS))
         """[3] of the experts, in their order; the sum is 1."""
 
-    def judge(self, layer: LastLayer, truth: Truth, agents: np.ndarray) -> None:
-        """Trust each expert as it has done on these agents."""
+    def judge(self, advice: np.ndarray, truth: Truth, agents: np.ndarray) -> None:
+        """Trust each expert as it has done on these agents; see ``Kalman.judge``."""
         if not agents.any():
             return
-        off = distance(self._advice(layer, truth.observation)[:, agents] - truth.future[agents]).mean(axis=(1, 2))
+        off = distance(advice[:, agents] - truth.future[agents]).mean(axis=(1, 2))
         trust = self.trust * np.exp(-self.rate * off / max(off.mean(), 1e-9))
         self.trust = (1 - self.share) * trust / trust.sum() + self.share / len(EXPERTS)
 
-    def _mean(self, layer: LastLayer, observation: Observation) -> np.ndarray:
-        return np.einsum("e,eaxy->axy", self.trust, self._advice(layer, observation))
+    def _weighed(self, advice: np.ndarray) -> np.ndarray:
+        return np.einsum("e,eaxy->axy", self.trust, advice)
 
     def _advice(self, layer: LastLayer, observation: Observation) -> np.ndarray:
         """Forecasts [3, A, 12, 2] of the experts."""
@@ -85,4 +85,4 @@ class Hedge(Kalman):
         else:
             trained = layer.positions(np.einsum("rc,co->ro", layer.inputs, layer.weight))
         straight = ConstantVelocity().predict(observation).positions[:, 0]
-        return np.stack([trained, super()._mean(layer, observation), straight])
+        return np.stack([trained, *super()._advice(layer, observation), straight])

@@ -111,7 +111,6 @@ class Kalman(Adapter):
             self.layers.popitem(last=False)
         layer = self._layer(truth.observation)
         before = self._told_before(truth)
-        self.judge(layer, truth, np.asarray(truth.known.all(axis=1) & ~before.all(axis=1)))
         counted = layer.by_row(before)
         rows = layer.by_row(truth.known) & ~counted
         if not rows.any():
@@ -121,9 +120,11 @@ class Kalman(Adapter):
         adds, added = (np.bincount(index, steps.any(axis=1), scenes) > 0 for steps in (new, old))
         faded = self.forgetting ** int((adds & ~added).sum())
         x, y = layer.inputs[rows], layer.outputs(truth.future.astype(np.float64))[rows]
+        advice = self._advice(layer, truth.observation)
+        self.judge(advice, truth, np.asarray(truth.known.all(axis=1) & ~before.all(axis=1)))
         if not len(self.precision):
             self.precision, self.pull = np.zeros((x.shape[1], x.shape[1])), np.zeros((x.shape[1], y.shape[1]))
-        residual = self._mean(layer, truth.observation) - truth.future
+        residual = self._weighed(advice) - truth.future
         square = (residual**2).sum(axis=-1) / 2 / (1 + self._doubt(layer))
         precision, pull = faded * self.precision + x.T @ x, faded * self.pull + x.T @ y
         self.updates += 1
@@ -135,8 +136,14 @@ class Kalman(Adapter):
         self.squares = faded * self.squares + np.where(new, square, 0).sum(axis=0)
         self.count = faded * self.count + new.sum(axis=0)
 
-    def judge(self, layer: LastLayer, truth: Truth, agents: np.ndarray) -> None:
-        """Look at the agents [A] bool of whom all is known now, before it is learned; here, nothing."""
+    def judge(self, advice: np.ndarray, truth: Truth, agents: np.ndarray) -> None:
+        """Hold forecasts [E, A, 12, 2] against what is new, before it is learned; here, nothing.
+
+        Args:
+            advice: What ``_advice`` gives.
+            truth: What became known.
+            agents: [A] bool, of whom all is known now, and was not before.
+        """
 
     def _told_before(self, truth: Truth) -> np.ndarray:
         """What was known [A, 12] of the same scenes when they were told before; this truth is remembered."""
@@ -152,7 +159,7 @@ class Kalman(Adapter):
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres: the mean first, then samples of the predictive distribution."""
         layer = self._layer(observation)
-        positions = np.repeat(self._mean(layer, observation)[:, None], samples, axis=1)
+        positions = np.repeat(self._weighed(self._advice(layer, observation))[:, None], samples, axis=1)
         if samples > 1:
             keys = scene_keys(observation, samples, seed)
             own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
@@ -167,9 +174,13 @@ class Kalman(Adapter):
     def _variance(self, layer: LastLayer) -> np.ndarray:
         return np.asarray(self.squares / np.maximum(self.count, 1e-9) * (1 + self._doubt(layer)))
 
-    def _mean(self, layer: LastLayer, observation: Observation) -> np.ndarray:
+    def _advice(self, layer: LastLayer, observation: Observation) -> np.ndarray:
+        """Forecasts [E, A, 12, 2], metres, that a forecast is made of; here, one."""
+        return layer.positions(self._outputs(layer))[None]
+
+    def _weighed(self, advice: np.ndarray) -> np.ndarray:
         """Forecast [A, 12, 2], metres."""
-        return layer.positions(self._outputs(layer))
+        return advice[0]  # type: ignore[no-any-return]
 
     def _outputs(self, layer: LastLayer) -> np.ndarray:
         # A product of matrices would give a row other last bits in another batch.

@@ -322,3 +322,12 @@ def test_engine_is_quiet():
         warnings.simplefilter("error")
         for parameters in ({"d": 0.1}, {"d": 0.6, "agents": 10}, {"d": 2.0}):
             make("orca", scenes=20, seed=9, **parameters).windows("test")
+
+
+def test_sources_are_shared_and_checked_like_any_crowd():
+    first, again = (make("orca", d=d, scenes=3).sources() for d in (0.6, 0.8))
+    assert [source.d for source in first] == [0.1, 0.3, 0.5] and all(s.scenes == 3 for s in first)
+    assert all(one is other for one, other in zip(first, again, strict=True))
+    for wrong in ("x", True, [0.3], 0.0):
+        with pytest.raises(SpecError, match="must be a number above 0"):
+            make("orca", scenes=3).sources(styles=[wrong])

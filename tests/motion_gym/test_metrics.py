@@ -377,3 +377,10 @@ def test_the_scale_of_weights_does_not_matter(case):
     scaled = metrics.score(Forecast(forecast.positions, forecast.weights * 8), truth, k)
     for name, values in metrics.score(forecast, truth, k).items():
         np.testing.assert_allclose(scaled[name], values, rtol=1e-9, err_msg=name)
+
+
+def test_positions_may_be_a_list():
+    forecast, truth = make([2, 3], samples=3)
+    plain = Forecast(forecast.positions.tolist())
+    for name, values in metrics.score(forecast, truth, 3).items():
+        np.testing.assert_array_equal(metrics.score(plain, truth, 3)[name], values)

@@ -274,7 +274,12 @@ def test_one_gradient_step_is_that_of_the_mean_distance(crowd):
         ("kalman:weights=style", PAIR, SpecError, "`weights` and `seed` go with the name of a predictor"),
         ("kalmann", PAIR, SpecError, "no adapter `kalmann`. Did you mean `kalman`"),
         ("kalman:rigde=1", PAIR, SpecError, "no parameter `rigde`. Did you mean `ridge`"),
-        ("motion_gym.predictors.linear:Linear", PAIR, SpecError, "is no adapter, as its constructor takes no predictor"),
+        (
+            "motion_gym.predictors.linear:Linear",
+            PAIR,
+            SpecError,
+            "is no adapter, as its constructor takes no predictor",
+        ),
     ],
 )
 def test_what_cannot_be_adapted_is_refused(name, of, error, message):
