@@ -8,8 +8,8 @@ import torch
 from machine import machine
 
 import motion_gym
-from motion_gym.domains import RecordedDomain
-from motion_gym.harness import ready
+from motion_gym.data.domains import RecordedDomain
+from motion_gym.stepping.harness import ready
 
 AGENTS = 50
 """People in sight."""

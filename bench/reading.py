@@ -8,8 +8,8 @@ import time
 from machine import machine
 
 import motion_gym
-from motion_gym import datasets
-from motion_gym.domains import training_set
+from motion_gym.data import datasets
+from motion_gym.data.domains import training_set
 
 
 def reading() -> float:

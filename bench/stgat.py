@@ -11,9 +11,9 @@ import torch
 from machine import machine
 
 import motion_gym
-from motion_gym import training_plans
+from motion_gym.predictors.networks.stgat_network import DECODER, GRAPH, TRAJECTORY
 from motion_gym.predictors.stgat import Erm
-from motion_gym.predictors.stgat_network import DECODER, GRAPH, TRAJECTORY
+from motion_gym.training import plans as training_plans
 
 RELEASED = {1: 0.7, 2: 5.5, 3: 6.5}
 """Seconds of the released program's epochs on 2 cores."""

@@ -7,10 +7,11 @@ import torch
 from machine import machine
 
 import motion_gym
-from motion_gym import benchmarks, training_plans
+from motion_gym.benchmarks import shipped as benchmarks
+from motion_gym.predictors.adapters.refine import Refine
 from motion_gym.predictors.ego import EgoModular
 from motion_gym.predictors.modular import ModularInvariant, StyleErm
-from motion_gym.predictors.refine import Refine
+from motion_gym.training import plans as training_plans
 
 EPOCHS = 3
 """Epochs of each stage that are timed, the first of each left out."""

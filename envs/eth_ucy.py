@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from motion_gym import datasets
 from motion_gym.catalog import suggest, whole_number
 from motion_gym.contract import HISTORY, Recording, SpecError
-from motion_gym.domains import RecordedDomain
-from motion_gym.recordings import read_recording
+from motion_gym.data import datasets
+from motion_gym.data.domains import RecordedDomain
+from motion_gym.data.recordings import read_recording
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
 LOCATION = {"eth": "eth", "eth6": "eth", "hotel": "hotel", "univ": "univ", "zara1": "zara", "zara2": "zara"}

@@ -11,9 +11,9 @@ import numpy as np
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import WINDOW, Recording, SpecError
-from motion_gym.domains import RecordedDomain
+from motion_gym.data.domains import RecordedDomain
+from motion_gym.data.storage import cached_arrays
 from motion_gym.envs.rvo import ENGINE_VERSION, simulate
-from motion_gym.storage import cached_arrays
 
 STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
 """Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import motion_gym
-from motion_gym.domains import RecordedDomain
+from motion_gym.data.domains import RecordedDomain
 
 
 class Tracks(RecordedDomain):

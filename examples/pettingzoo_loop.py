@@ -2,7 +2,7 @@
 
 import motion_gym
 from motion_gym import forecast_to_dict, observation_from_dict, truth_from_infos
-from motion_gym.wrappers import ScoreParallel
+from motion_gym.stepping.wrappers import ScoreParallel
 
 env = ScoreParallel(motion_gym.parallel_env("orca:d=0.6", clock="stream", scenes=50))
 predictor = motion_gym.predictor("constant_velocity")

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 import motion_gym
-from motion_gym.metrics import ade
+from motion_gym.metrics.errors import ade
 
 DT = 0.4
 

@@ -5,43 +5,45 @@ from typing import TYPE_CHECKING, Any
 
 from motion_gym.catalog import adapter, domain, predictor
 from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, Predictor, Recording, Truth
-from motion_gym.registration import register_all
+from motion_gym.stepping.registration import register_all
 
 if TYPE_CHECKING:
-    from motion_gym.adapter_checks import check_adapter
-    from motion_gym.checks import check_domain, check_predictor
-    from motion_gym.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
-    from motion_gym.evaluation import Scorecard, compare, evaluate
-    from motion_gym.leaks import leak_probe
-    from motion_gym.online import evaluate_online
-    from motion_gym.online_score import OnlineCard
-    from motion_gym.outstanding import Outstanding
-    from motion_gym.pettingzoo_env import parallel_env
-    from motion_gym.recordings import read_recording
-    from motion_gym.streams import Segment, Stream, stream
+    from motion_gym.checks.adapter_checks import check_adapter
+    from motion_gym.checks.checker import check_domain, check_predictor
+    from motion_gym.checks.leaks import leak_probe
+    from motion_gym.data.domains import RecordedDomain
+    from motion_gym.data.recordings import read_recording
+    from motion_gym.online.evaluation import evaluate_online
+    from motion_gym.online.scores import OnlineCard
+    from motion_gym.online.streams import Segment, Stream, stream
+    from motion_gym.scoring.evaluation import Scorecard, compare, evaluate
+    from motion_gym.stepping.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
+    from motion_gym.stepping.outstanding import Outstanding
+    from motion_gym.stepping.pettingzoo_env import parallel_env
 
 __version__ = "0.1.0"
 
 # Loaded when first used, so that importing motion_gym costs little.
 _LAZY = {
-    "OnlineCard": "motion_gym.online_score",
-    "Outstanding": "motion_gym.outstanding",
-    "Segment": "motion_gym.streams",
-    "Stream": "motion_gym.streams",
-    "Scorecard": "motion_gym.evaluation",
-    "check_adapter": "motion_gym.adapter_checks",
-    "check_domain": "motion_gym.checks",
-    "check_predictor": "motion_gym.checks",
-    "compare": "motion_gym.evaluation",
-    "evaluate": "motion_gym.evaluation",
-    "forecast_to_dict": "motion_gym.dicts",
-    "evaluate_online": "motion_gym.online",
-    "leak_probe": "motion_gym.leaks",
-    "observation_from_dict": "motion_gym.dicts",
-    "parallel_env": "motion_gym.pettingzoo_env",
-    "read_recording": "motion_gym.recordings",
-    "stream": "motion_gym.streams",
-    "truth_from_infos": "motion_gym.dicts",
+    "OnlineCard": "motion_gym.online.scores",
+    "Outstanding": "motion_gym.stepping.outstanding",
+    "Segment": "motion_gym.online.streams",
+    "Stream": "motion_gym.online.streams",
+    "RecordedDomain": "motion_gym.data.domains",
+    "Scorecard": "motion_gym.scoring.evaluation",
+    "check_adapter": "motion_gym.checks.adapter_checks",
+    "check_domain": "motion_gym.checks.checker",
+    "check_predictor": "motion_gym.checks.checker",
+    "compare": "motion_gym.scoring.evaluation",
+    "evaluate": "motion_gym.scoring.evaluation",
+    "forecast_to_dict": "motion_gym.stepping.dicts",
+    "evaluate_online": "motion_gym.online.evaluation",
+    "leak_probe": "motion_gym.checks.leaks",
+    "observation_from_dict": "motion_gym.stepping.dicts",
+    "parallel_env": "motion_gym.stepping.pettingzoo_env",
+    "read_recording": "motion_gym.data.recordings",
+    "stream": "motion_gym.online.streams",
+    "truth_from_infos": "motion_gym.stepping.dicts",
 }
 
 __all__ = [
@@ -53,6 +55,7 @@ __all__ = [
     "OnlineCard",
     "Outstanding",
     "Predictor",
+    "RecordedDomain",
     "Recording",
     "Scorecard",
     "Segment",

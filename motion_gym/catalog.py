@@ -84,7 +84,7 @@ PREDICTORS = {
         "around modular: tuned on a few scenes of a style; needs PyTorch and scenes of two agents",
     ),
     "refine": Entry(
-        "motion_gym.predictors.refine:Refine",
+        "motion_gym.predictors.adapters.refine:Refine",
         "around modular: refines each forecast towards the style; needs what that one needs",
     ),
     "ego_erm": Entry(
@@ -99,16 +99,22 @@ PREDICTORS = {
 }
 
 ADAPTERS = {
-    "none": Entry("motion_gym.predictors.adapter:Unadapted", "the source model, which never learns"),
-    "style": Entry("motion_gym.predictors.adapter:Style", "reads the style from the last scenes (needs a style)"),
-    "refine": PREDICTORS["refine"],
-    "finetune": Entry("motion_gym.predictors.finetune:Finetune", "gradient steps on new and remembered scenes"),
-    "ema_anchor": Entry("motion_gym.predictors.finetune:EmaAnchor", "finetune, pulled back to the trained weights"),
-    "kalman": Entry("motion_gym.predictors.kalman:Kalman", "recursive Bayesian last layer, in closed form"),
-    "hedge": Entry(
-        "motion_gym.predictors.hedge:Hedge", "kalman, the trained predictor and constant velocity, by errors"
+    "none": Entry("motion_gym.predictors.adapters.adapter:Unadapted", "the source model, which never learns"),
+    "style": Entry(
+        "motion_gym.predictors.adapters.adapter:Style", "reads the style from the last scenes (needs a style)"
     ),
-    "ekf": Entry("motion_gym.predictors.ekf:Ekf", "extended Kalman filter on a few weights"),
+    "refine": PREDICTORS["refine"],
+    "finetune": Entry(
+        "motion_gym.predictors.adapters.finetune:Finetune", "gradient steps on new and remembered scenes"
+    ),
+    "ema_anchor": Entry(
+        "motion_gym.predictors.adapters.finetune:EmaAnchor", "finetune, pulled back to the trained weights"
+    ),
+    "kalman": Entry("motion_gym.predictors.adapters.kalman:Kalman", "recursive Bayesian last layer, in closed form"),
+    "hedge": Entry(
+        "motion_gym.predictors.adapters.hedge:Hedge", "kalman, the trained predictor and constant velocity, by errors"
+    ),
+    "ekf": Entry("motion_gym.predictors.adapters.ekf:Ekf", "extended Kalman filter on a few weights"),
 }
 """Predictors around another one, that learn from revealed truth."""
 

@@ -10,11 +10,11 @@ import numpy as np
 import torch
 
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
-from motion_gym.predictors import ego_network
-from motion_gym.predictors.ego_features import kept_distances, scenes_of
-from motion_gym.predictors.ego_training import EgoProgram, forecast
+from motion_gym.data.windows import check_truth, pick_scenes_of
+from motion_gym.predictors.networks import ego_network
+from motion_gym.predictors.networks.ego_features import kept_distances, scenes_of
+from motion_gym.predictors.training.ego_training import EgoProgram, forecast
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
-from motion_gym.windows import check_truth, pick_scenes_of
 
 AGENTS_AT_ONCE = 4000
 """Agents of one forward pass, about, so that memory does not grow with the test set."""

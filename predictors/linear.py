@@ -11,7 +11,7 @@ from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, Predicto
 from motion_gym.predictors.sigma import check_sigma, relative_to_scene
 
 if TYPE_CHECKING:
-    from motion_gym.predictors.adapting import LastLayer
+    from motion_gym.predictors.networks.last_layer import LastLayer
 
 
 class Linear:
@@ -83,7 +83,9 @@ class Linear:
         Raises:
             PredictorError: not fitted, or sigma is asked for and the observation has none.
         """
-        from motion_gym.predictors.adapting import LastLayer  # needs PyTorch, which this predictor does without
+        from motion_gym.predictors.networks.last_layer import (
+            LastLayer,  # needs PyTorch, which this predictor does without
+        )
 
         if self.weight is None:
             raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")

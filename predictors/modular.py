@@ -10,13 +10,13 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
-from motion_gym.predictors import pair_network
-from motion_gym.predictors.adapting import LastLayer
-from motion_gym.predictors.objectives import Erm, Irm, Objective
-from motion_gym.predictors.pair_network import AGENTS, CODE, Pairs
+from motion_gym.predictors.networks import pair_network
+from motion_gym.predictors.networks.last_layer import LastLayer
+from motion_gym.predictors.networks.pair_network import AGENTS, CODE, Pairs
 from motion_gym.predictors.style_memory import StyleMemory
-from motion_gym.predictors.style_training import PLAIN, Schedule, StyleProgram
-from motion_gym.predictors.transfer_training import PARTS
+from motion_gym.predictors.training.objectives import Erm, Irm, Objective
+from motion_gym.predictors.training.style_training import PLAIN, Schedule, StyleProgram
+from motion_gym.predictors.training.transfer_training import PARTS
 from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
 
 

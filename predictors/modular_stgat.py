@@ -12,16 +12,16 @@ from torch import Tensor
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, Observation, SpecError, Truth
-from motion_gym.predictors import pair_network, stgat_network, stgat_style
-from motion_gym.predictors.graph_attention import Layout
-from motion_gym.predictors.modular_stgat_training import StyledStgatProgram
-from motion_gym.predictors.neighbour_pairs import NeighbourPairs, whole_paths
-from motion_gym.predictors.pair_network import CODE
-from motion_gym.predictors.stgat_network import Draws
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.networks import pair_network, stgat_network, stgat_style
+from motion_gym.predictors.networks.graph_attention import Layout
+from motion_gym.predictors.networks.neighbour_pairs import NeighbourPairs, whole_paths
+from motion_gym.predictors.networks.pair_network import CODE
+from motion_gym.predictors.networks.stgat_network import Draws
 from motion_gym.predictors.stgat_predictor import PARTS, Stgat
 from motion_gym.predictors.style_memory import StyleMemory
+from motion_gym.predictors.training.modular_stgat_training import StyledStgatProgram
 from motion_gym.predictors.weighted import Weights
-from motion_gym.windows import pick_scenes
 
 
 class ModularStgat(StyleMemory, Stgat):

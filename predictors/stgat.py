@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from motion_gym.predictors import objectives
-from motion_gym.predictors.objectives import Objective
 from motion_gym.predictors.stgat_predictor import Stgat
+from motion_gym.predictors.training import objectives
+from motion_gym.predictors.training.objectives import Objective
 
 
 class Erm(Stgat):

@@ -11,17 +11,25 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
-from motion_gym.predictors import objectives
-from motion_gym.predictors.adapting import LastLayer
-from motion_gym.predictors.graph_attention import Layout
-from motion_gym.predictors.objectives import Objective
-from motion_gym.predictors.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.data.windows import pick_scenes_of
+from motion_gym.predictors.networks.graph_attention import Layout
+from motion_gym.predictors.networks.last_layer import LastLayer
+from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.networks.stgat_network import (
+    NOISE,
+    STATES,
+    Draws,
+    check_weights,
+    decode,
+    decoder_states,
+    encode,
+)
 from motion_gym.predictors.sigma import check_sigma, relative_to_scene
-from motion_gym.predictors.stgat_network import NOISE, STATES, Draws, check_weights, decode, decoder_states, encode
 from motion_gym.predictors.stgat_released import import_released
-from motion_gym.predictors.stgat_training import Schedule, StgatProgram
+from motion_gym.predictors.training import objectives
+from motion_gym.predictors.training.objectives import Objective
+from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
 from motion_gym.predictors.weighted import Weighted, Weights
-from motion_gym.windows import pick_scenes_of
 
 SCENES_AT_ONCE = 256
 """Scenes times samples of one forward pass, so that memory does not grow with the test set."""

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from motion_gym.contract import PredictorError
-from motion_gym.predictors.stgat_network import Weights
+from motion_gym.predictors.networks.stgat_network import Weights
 
 LSTMS = {"traj_lstm_model": "trajectory", "graph_lstm_model": "graph", "pred_lstm_model": "decoder"}
 HEADS = {"traj_hidden2pos": "stage1", "traj_gat_hidden2pos": "stage2", "pred_hidden2pos": "stage3"}

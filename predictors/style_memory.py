@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import PredictorError, Truth
-from motion_gym.predictors.pair_network import CODE
+from motion_gym.data.windows import check_truth, pick_scenes, whole_scenes
+from motion_gym.predictors.networks.pair_network import CODE
 from motion_gym.predictors.weighted import Weighted, Weights
-from motion_gym.windows import check_truth, pick_scenes, whole_scenes
 
 
 class StyleMemory(Weighted):

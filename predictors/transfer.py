@@ -10,16 +10,17 @@ from typing import Any
 
 from torch import Tensor
 
-from motion_gym import catalog, training
+from motion_gym import catalog
 from motion_gym.contract import Observation, PredictorError, SpecError, Truth
-from motion_gym.harness import name_of
-from motion_gym.predictors.around import Around
+from motion_gym.data.windows import check_truth, digest
+from motion_gym.predictors.adapters.around import Around
 from motion_gym.predictors.modular import Modular
-from motion_gym.predictors.objectives import number, positive
-from motion_gym.predictors.style_training import mean_code
-from motion_gym.predictors.transfer_training import BATCH, PARTS, TransferProgram
+from motion_gym.predictors.training.objectives import number, positive
+from motion_gym.predictors.training.style_training import mean_code
+from motion_gym.predictors.training.transfer_training import BATCH, PARTS, TransferProgram
 from motion_gym.predictors.weighted import Weights
-from motion_gym.windows import check_truth, digest
+from motion_gym.stepping.harness import name_of
+from motion_gym.training import loop as training
 
 SCHEDULES: Mapping[str, tuple[int, float]] = {
     "all": (100, 1e-4),

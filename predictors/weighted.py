@@ -13,12 +13,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym import training
+from motion_gym.benchmarks.results import commit, versions
 from motion_gym.catalog import format_spec, whole_number
 from motion_gym.contract import PredictorError, SpecError, Truth
-from motion_gym.results import commit, versions
-from motion_gym.training import Progress, device_named
-from motion_gym.weight_files import locate, read, write
+from motion_gym.training import loop as training
+from motion_gym.training.loop import Progress, device_named
+from motion_gym.training.weight_files import locate, read, write
 
 if TYPE_CHECKING:
     from typing_extensions import Self

@@ -22,7 +22,7 @@ def cache(tmp_path_factory):
 @pytest.fixture(scope="session")
 def eth_ucy():
     """Skip a test where ETH-UCY is not on this computer."""
-    from motion_gym import datasets
+    from motion_gym.data import datasets
 
     missing = [state.file for state in datasets.verify("eth_ucy") if state.state != "ok"]
     if missing:

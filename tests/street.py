@@ -3,7 +3,7 @@
 import numpy as np
 
 from motion_gym.contract import Recording
-from motion_gym.domains import RecordedDomain
+from motion_gym.data.domains import RecordedDomain
 
 
 class Street(RecordedDomain):

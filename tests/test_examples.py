@@ -37,7 +37,7 @@ def python(folder, *arguments):
 def motion_gym(folder, line):
     command, *arguments = shlex.split(line)
     assert command == "motion-gym"
-    return python(folder, "-m", "motion_gym.cli", *arguments)
+    return python(folder, "-m", "motion_gym.cli.main", *arguments)
 
 
 def found(pattern, text):

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from motion_gym import benchmark_report, benchmarks, report, results, seed_tables
+from motion_gym.benchmarks import benchmark_report, report, results, seed_tables
+from motion_gym.benchmarks import shipped as benchmarks
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text()

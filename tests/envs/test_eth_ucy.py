@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import motion_gym
-from motion_gym import datasets
 from motion_gym.contract import DataError, SpecError
-from motion_gym.evaluation import evaluate
-from motion_gym.recordings import read_recording
-from motion_gym.storage import data_folder
-from motion_gym.windows import windows_of
+from motion_gym.data import datasets
+from motion_gym.data.recordings import read_recording
+from motion_gym.data.storage import data_folder
+from motion_gym.data.windows import windows_of
+from motion_gym.scoring.evaluation import evaluate
 
 make: Any = motion_gym.domain
 

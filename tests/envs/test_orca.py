@@ -17,9 +17,9 @@ from scipy.stats import ks_2samp
 
 import motion_gym
 from motion_gym.contract import SpecError
-from motion_gym.evaluation import evaluate
-from motion_gym.storage import data_folder
-from motion_gym.windows import windows_of
+from motion_gym.data.storage import data_folder
+from motion_gym.data.windows import windows_of
+from motion_gym.scoring.evaluation import evaluate
 
 make: Any = motion_gym.domain
 

@@ -10,10 +10,10 @@ import torch
 
 import motion_gym as mg
 from motion_gym import catalog
+from motion_gym.checks.predictor_trials import synthetic
 from motion_gym.contract import DataError, PredictorError, SpecError
-from motion_gym.predictor_trials import synthetic
-from motion_gym.snapshot import shared_arrays, snapshot
-from motion_gym.windows import pick_scenes
+from motion_gym.data.windows import pick_scenes
+from motion_gym.stepping.snapshot import shared_arrays, snapshot
 from tests.taped import fitted_linear
 
 PAIR, STGAT = "modular_invariant", "erm_no_sigma:weights=original/zara2"

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 import motion_gym as mg
-from motion_gym.predictor_trials import synthetic
-from motion_gym.predictors.adapting import Linearised, Tunable, tunable
-from motion_gym.windows import pick_scenes
+from motion_gym.checks.predictor_trials import synthetic
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.networks.last_layer import Linearised, Tunable, tunable
 from tests.taped import fitted_linear
 
 PAIRS = synthetic((2,) * 6, 2, 4)

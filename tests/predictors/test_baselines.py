@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym
-from motion_gym import metrics
-from motion_gym import predictor_trials as trials
+from motion_gym.checks import predictor_trials as trials
 from motion_gym.contract import DataError, PredictorError, SpecError, Truth
-from motion_gym.domains import training_set
-from motion_gym.windows import pick_scenes
+from motion_gym.data.domains import training_set
+from motion_gym.data.windows import pick_scenes
+from motion_gym.metrics import errors as metrics
 
 fast = settings(max_examples=30, deadline=None)
 TRAINING = [trials.synthetic((1, 2, 5) * 8, 3, seed) for seed in (1, 2)]

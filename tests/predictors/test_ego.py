@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 import motion_gym as mg
 from motion_gym.contract import Observation, PredictorError, Truth
-from motion_gym.domains import training_set
-from motion_gym.metrics import score
+from motion_gym.data.domains import training_set
+from motion_gym.metrics.errors import score
 from motion_gym.predictors.constant_velocity import ConstantVelocity
 from motion_gym.predictors.ego import EgoErm, EgoModular
-from motion_gym.predictors.ego_features import kept_distances
-from motion_gym.predictors.ego_training import distance_and_trust
+from motion_gym.predictors.networks.ego_features import kept_distances
+from motion_gym.predictors.training.ego_training import distance_and_trust
 
 SOURCES = mg.domain("orca", scenes=150)
 

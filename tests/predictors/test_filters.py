@@ -9,11 +9,11 @@ import pytest
 import torch
 
 import motion_gym as mg
+from motion_gym.checks.predictor_trials import partly_known, synthetic
 from motion_gym.contract import FUTURE
-from motion_gym.predictor_trials import partly_known, synthetic
-from motion_gym.predictors.ekf import STEPS
-from motion_gym.snapshot import changed, snapshot
-from motion_gym.windows import pick_scenes
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.adapters.ekf import STEPS
+from motion_gym.stepping.snapshot import changed, snapshot
 from tests.taped import fitted_linear
 
 PAIR, STGAT = "modular_invariant", "erm_no_sigma:weights=original/zara2"

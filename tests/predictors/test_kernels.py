@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from motion_gym.predictors import kernels, lstm, threads
-from motion_gym.predictors import stgat_network as network
-from motion_gym.predictors.graph_attention import Layout, graph_attention
+from motion_gym.predictors.networks import kernels, lstm, threads
+from motion_gym.predictors.networks import stgat_network as network
+from motion_gym.predictors.networks.graph_attention import Layout, graph_attention
 
 STEPS, MODELS = 3, 2
 

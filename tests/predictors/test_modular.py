@@ -7,12 +7,12 @@ import pytest
 import torch
 
 import motion_gym as mg
-from motion_gym.checks import predictor_problems
+from motion_gym.checks.checker import predictor_problems
 from motion_gym.contract import PredictorError, SpecError
-from motion_gym.domains import training_set
+from motion_gym.data.domains import training_set
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.adapters.refine import Refine
 from motion_gym.predictors.modular import Modular, ModularInvariant, StyleErm, StyleInvariant
-from motion_gym.predictors.refine import Refine
-from motion_gym.windows import pick_scenes
 
 SHORT = (2, 1, 1, 2)
 OPTIONS = {"scenes": 16}

@@ -8,12 +8,12 @@ import torch
 
 import motion_gym as mg
 from motion_gym.contract import Observation, PredictorError, SpecError, Truth
-from motion_gym.domains import training_set
+from motion_gym.data.domains import training_set
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.adapters.refine import Refine
 from motion_gym.predictors.modular_stgat import ModularStgat
-from motion_gym.predictors.neighbour_pairs import NEAREST, NeighbourPairs, whole_paths
-from motion_gym.predictors.refine import Refine
+from motion_gym.predictors.networks.neighbour_pairs import NEAREST, NeighbourPairs, whole_paths
 from motion_gym.predictors.stgat import ErmNoSigma
-from motion_gym.windows import pick_scenes
 
 SHORT = (2, 2, 3, 10, 3, 4)
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from motion_gym.contract import SpecError
-from motion_gym.predictors.objectives import Erm, GroupDro, Irm, Risks, VRex, risks_of
+from motion_gym.predictors.training.objectives import Erm, GroupDro, Irm, Risks, VRex, risks_of
 from tests.predictors.test_stgat import SHARED
 
 EMPTY = torch.zeros(0)

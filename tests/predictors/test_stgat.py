@@ -10,14 +10,15 @@ import pytest
 import torch
 
 import motion_gym
-from motion_gym import results, weight_files
-from motion_gym.checks import check_predictor
+from motion_gym.benchmarks import results
+from motion_gym.checks.checker import check_predictor
 from motion_gym.contract import Observation, PredictorError
-from motion_gym.predictors import stgat_network as network
-from motion_gym.predictors.graph_attention import Layout
+from motion_gym.data.storage import StorageError
+from motion_gym.predictors.networks import stgat_network as network
+from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.stgat import Counterfactual, Erm, Invariant
 from motion_gym.predictors.stgat_released import import_released
-from motion_gym.storage import StorageError
+from motion_gym.training import weight_files
 from tests.crowd_with_sigma import CrowdWithSigma
 
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "reference"

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motion_gym.contract import PredictorError
-from motion_gym.predictors.style_loss import TEMPERATURE, style_loss
+from motion_gym.predictors.training.style_loss import TEMPERATURE, style_loss
 
 
 def by_loops(embedding, environment, negatives_only):

@@ -1,0 +1,1 @@
+"""What is scored on what; stored runs, tables and figures."""

@@ -1,0 +1,315 @@
+"""The leak probe: does anything that is handed out depend on data that has not happened yet?"""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from motion_gym import catalog
+from motion_gym.checks.changed_future import Stage
+from motion_gym.contract import Domain, Forecast, Observation, Predictor, SpecError, Truth
+from motion_gym.data.domains import spec_of
+from motion_gym.stepping.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
+from motion_gym.stepping.harness import ask, name_of, ready, tell
+from motion_gym.stepping.pettingzoo_env import CLOCKS, ForecastEnv
+from motion_gym.stepping.snapshot import changed, global_randomness, leaves
+
+SAMPLES = 2
+"""Samples asked for, so that a stochastic predictor has to draw."""
+ASKED_TWICE = 3
+"""Observations at which the first play asks twice."""
+START = -1
+"""Time of the predictor's state before its first forecast."""
+
+
+@dataclass(frozen=True)
+class LeakReport:
+    """What the probe found.
+
+    Attributes:
+        domain: Name of the domain with its parameters.
+        predictor: Name of the predictor.
+        clock: ``stream`` or ``windows``.
+        split: Split that was played.
+        changed: The method whose answer was changed: what happens before it, as in reading a file, was not probed.
+        cuts: Times after which all data was changed: listed frames since the first, over all recordings; numbers of
+            windows where windows do not follow from recordings.
+        checked: Number of values compared by kind: agent-times, or states.
+        side_channels: Declared oracle side channels that did read the future: the most that a value changed.
+        selections: Declared ways in which it depends on the future *who* is observed.
+        oracles: Oracles, and whether their forecasts read the future; they are meant to.
+        unprobed: What could not be probed, and why.
+        leaks: What depends on the future and is not declared: one sentence per kind.
+    """
+
+    domain: str
+    predictor: str
+    clock: str
+    split: str
+    changed: str
+    cuts: tuple[int, ...]
+    checked: Mapping[str, int]
+    side_channels: Mapping[str, float]
+    selections: tuple[str, ...]
+    oracles: tuple[str, ...]
+    unprobed: tuple[str, ...]
+    leaks: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing leaked that was not declared."""
+        return not self.leaks
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.predictor} on {self.domain}, {self.clock} clock, split {self.split}: "
+            + ("no leak found." if self.ok else f"{len(self.leaks)} found to LEAK."),
+            f"data changed after times {', '.join(map(str, self.cuts))}, in what {self.changed} gives",
+            "compared: " + ", ".join(f"{n} {kind}" for kind, n in self.checked.items()),
+        ]
+        lines += [f"LEAK: {leak}" for leak in self.leaks]
+        lines += [
+            f"side channel: {name} reads the future, as declared (changed by up to {by:.3g})"
+            for name, by in self.side_channels.items()
+        ]
+        for label in ("selections", "oracles", "unprobed"):
+            lines += [f"{label.removesuffix('s')}: {sentence}" for sentence in getattr(self, label)]
+        return "\n- ".join(lines)
+
+
+@dataclass
+class _Tape:
+    """Everything that was handed out in one play, by time and kind, and what the predictor was shown."""
+
+    rows: dict[tuple[int, str], tuple[list[str], np.ndarray]] = field(default_factory=dict)
+    states: dict[int, dict[str, int]] = field(default_factory=dict)
+    shown: dict[int, Observation] = field(default_factory=dict)
+    told: dict[int, Truth | None] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+
+
+def leak_probe(
+    domain: str | Domain,
+    predictor: str | Predictor = "constant_velocity",
+    *,
+    clock: str = "stream",
+    split: str = "test",
+    cuts: int = 3,
+    seed: int = 0,
+    **parameters: Any,
+) -> LeakReport:
+    """Change all data after time t, play again, and compare, bit for bit, all that was handed out up to t.
+
+    The second world has positions moved by metres; on the stream clock people also leave, are lost for a while, or
+    come new, and frames disappear or are added. It goes through the domain's own code (``Stage``) and through
+    ``ForecastEnv``. Compared are who is observed, histories, rewards and ends, revealed truth, forecasts and what the
+    predictor holds. In the second world the predictor is shown what it was shown in the first, and the environment is
+    given the same forecasts: so each leak is reported where it arises. On the stream clock the predictor observes
+    truth as it is revealed; on the windows clock, as in ``evaluate``, the reference scenes alone.
+
+    What cannot be found in this way: what the lowest method ``recordings`` does with its files (the report names it; a
+    subclass that normalises there is found), and a predictor that carries the data of the split within itself, trained
+    on it or read from a file of its own. ``possible_agents``, which PettingZoo asks for, lists those to come.
+
+    Args:
+        domain: A name, a spec, ``"module:Class"`` or a domain; it is not changed.
+        predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it plays, and if it holds the domain,
+            the copy holds the changed one.
+        clock: ``stream`` or ``windows``.
+        split: Which split.
+        cuts: Number of times t, one in each of as many equal parts of the episode, or of its first 2000 steps.
+        seed: Source of the changes, the times, and the predictor's samples.
+        **parameters: Parameters of the domain.
+
+    Raises:
+        SpecError: a name or option is not known, or the domain has nothing that could be changed.
+        PredictorError: the predictor broke its contract.
+        DataError: data is missing or damaged.
+    """
+    if clock not in CLOCKS:
+        raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
+    if isinstance(cuts, bool) or not isinstance(cuts, int) or cuts < 1:
+        raise SpecError(f"`cuts={cuts}` must be a whole number, 1 or more: the times after which data is changed.")
+    place = catalog.domain(domain, **parameters)
+    stage = Stage(place, clock, split, seed)
+    made, unprobed = predictor, stage.unprobed
+    if not isinstance(predictor, (str, type)):
+        try:
+            made = copy.deepcopy(predictor, {id(place): stage.domain})
+        except Exception as error:
+            unprobed.append(f"{name_of(predictor)} cannot be copied ({error}): if it looks into the domain, unseen.")
+    made = ready(made, stage.domain, seed)
+    times = stage.cuts(cuts)
+    first = _play(stage, made, max(times), seed, None)
+    leaks = {fault: fault for fault in first.faults}
+    checked: Counter[str] = Counter()
+    side_channels: dict[str, float] = {}
+    for cut in times:
+        if not stage.change(cut):
+            leaks.setdefault("windows", f"which windows there are changes with positions after time {cut}")
+            continue
+        second = _play(stage, made, cut, seed, first)
+        for kind, sentence in _compare(first, second, cut, stage.domain.card, checked, side_channels).items():
+            leaks.setdefault(kind, sentence)
+    oracles: list[str] = []
+    name = name_of(made)
+    if hasattr(made, "know"):
+        read = [leaks.pop(kind) for kind in ("forecasts", "weights", "states") if kind in leaks]
+        oracles = [f"{name} is told what no forecaster can know", *read]
+    return LeakReport(
+        domain=spec_of(place),
+        predictor=predictor if isinstance(predictor, str) else name,
+        clock=clock,
+        split=split,
+        changed=stage.seam,
+        cuts=tuple(times),
+        checked=dict(checked),
+        side_channels=side_channels,
+        selections=_selections(place, clock),
+        oracles=tuple(oracles),
+        unprobed=tuple(unprobed),
+        leaks=tuple(leaks.values()),
+    )
+
+
+def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | None) -> _Tape:
+    """Play an episode up to a time; in the second world, show and do what was shown and done in the first."""
+    tape = _Tape()
+    dt, streams = stage.domain.card.dt, stage.clock == "stream"
+    ready(predictor, stage.domain, seed)
+    if hasattr(predictor, "observe") and not streams:
+        tell(predictor, stage.domain.reference())
+    # Another seed in the second world: whoever draws from a global generator then forecasts something else.
+    with global_randomness(seed + (first is not None)):
+        try:
+            env = ForecastEnv(stage.domain, clock=stage.clock, split=stage.split)
+        except SpecError:
+            if first is None:
+                raise
+            return tape  # nobody is left in the second world, and the comparison says so
+        observations, _ = env.reset()
+        tape.states[START] = _state(predictor, stage.domain)
+        while env.agents and (now := stage.observed(env)) <= stop:
+            names = list(env.agents)
+            seen = observation_from_dict(observations, dt, names)
+            tape.rows[now, "histories"] = names, seen.history
+            if first is not None and (now not in first.shown or first.rows[now, "histories"][0] != names):
+                break
+            shown = tape.shown[now] = seen if first is None else first.shown[now]
+            before = _state(predictor, stage.domain) if first is None else {}
+            forecast = ask(predictor, shown, SAMPLES, seed)
+            if first is None and not tape.faults:
+                after, twice = _state(predictor, stage.domain), len(tape.shown) <= ASKED_TWICE
+                again = ask(predictor, shown, SAMPLES, seed) if twice else forecast
+                tape.faults = _faults(predictor, before, after, forecast, again, now)
+            tape.rows[now, "forecasts"] = names, forecast.positions
+            weights = np.zeros(len(names)) if forecast.weights is None else forecast.weights
+            tape.rows[now, "weights"] = names, weights
+            acted = forecast.positions if first is None else first.rows[now, "forecasts"][1]
+            actions = forecast_to_dict(Forecast(acted[:, :1]), names)
+            then = stage.revealed(env)
+            observations, rewards, ends, _, infos = env.step(actions)
+            then = stage.observed(env) if then is None else then
+            tape.rows[then, "rewards"] = names, np.array([[rewards[n], ends[n]] for n in names])
+            truth = truth_from_infos(infos, dt)
+            if truth is not None:
+                settled = [f"agent_{n}" for n in truth.observation.agent]
+                told = np.concatenate([truth.future, truth.known[..., None]], axis=-1)
+                tape.rows[then, "revealed histories"] = settled, truth.observation.history
+                tape.rows[then, "revealed truths"] = settled, told
+            if streams and then <= stop:
+                tape.told[then] = truth if first is None else first.told.get(then)
+                if (told_now := tape.told[then]) is not None:
+                    tell(predictor, told_now)
+                tape.states[then] = _state(predictor, stage.domain)
+    return tape
+
+
+def _faults(predictor: Any, before: dict, after: dict, forecast: Forecast, again: Forecast, now: int) -> list[str]:
+    """What is wrong with a predictor whatever the data: it learns when asked, or answers as it likes."""
+    name, faults = name_of(predictor), []
+    touched = changed(before, after)
+    if touched:
+        faults.append(f"{name}.predict at time {now} changed what it holds: {', '.join(touched[:3])}")
+    if again.positions.tobytes() != forecast.positions.tobytes():
+        faults.append(f"{name}.predict, asked twice the same at time {now}, gave two answers")
+    return faults
+
+
+def _compare(
+    first: _Tape, second: _Tape, stop: int, card: Any, checked: Counter[str], side_channels: dict[str, float]
+) -> dict[str, str]:
+    """Sentences, one per kind, about what differs up to a time; adds to what was checked and to the side channels."""
+    found: dict[str, str] = {}
+    declared = [i for i, feature in enumerate(card.features) if feature in card.side_channels]
+    for time, kind in sorted({*first.rows, *second.rows}, key=lambda k: (k[0], k[1] != "histories", k[1])):
+        if time > stop:
+            break
+        (names, a), (others, b) = (t.rows.get((time, kind), ([], np.zeros(0))) for t in (first, second))
+        if names != others:
+            who = next((n for n in (*names, *others) if (n in names) != (n in others)), "the order")
+            found.setdefault("who", f"who is observed at time {time} ({who}) changes with data after time {stop}")
+            break
+        checked[kind] += len(names)
+        features = list(card.features) if kind.endswith("histories") else []
+        if features and a.shape == b.shape:
+            for i in declared:
+                gap = float(np.abs(a[..., i] - b[..., i]).max(initial=0))
+                if gap > 0:
+                    side_channels[features[i]] = max(side_channels.get(features[i], 0.0), gap)
+            a, b = np.delete(a, declared, axis=-1), np.delete(b, declared, axis=-1)
+            features = [f for i, f in enumerate(features) if i not in declared]
+        if a.shape != b.shape or a.tobytes() != b.tobytes():
+            found.setdefault(kind, _sentence(kind, names, a, b, time, stop, features))
+    for time in sorted(t for t in first.states if t <= stop and t in second.states):
+        checked["states"] += 1
+        touched = changed(first.states[time], second.states[time])
+        if touched and "states" not in found:
+            what = f"what the predictor holds ({', '.join(touched[:3])})"
+            found["states"] = (
+                f"{what} is another in a second episode: reset() does not forget it, or it reads the domain"
+                if time == START
+                else f"{what} at time {time} changes with data after time {stop}, which it was not shown"
+            )
+    return found
+
+
+def _sentence(
+    kind: str, names: list[str], a: np.ndarray, b: np.ndarray, time: int, stop: int, features: list[str]
+) -> str:
+    if a.shape != b.shape:
+        return f"the shape of {kind} at time {time} changes with data after time {stop}"
+    where = np.argwhere(a != b)
+    row, column = (int(where[0][0]), int(where[0][-1])) if len(where) else (0, 0)
+    feature = f", feature {features[column]}," if column < len(features) else ""
+    more = len(np.unique(where[:, 0])) - 1
+    also = f" and {more} more" if more > 0 else ""
+    cause = ""
+    if kind in ("forecasts", "weights"):
+        cause = ", though it was shown the same: it knows more than it is shown, or draws from more than its seed"
+    return f"{kind} of {names[row]}{also} at time {time}{feature} change with data after time {stop}{cause}"
+
+
+def _selections(domain: Domain, clock: str) -> tuple[str, ...]:
+    if clock == "stream":
+        return ()
+    least = domain.card.parameters.get("min_agents", 1)
+    return (
+        f"the windows clock shows who is complete over all 20 steps, in windows with at least {least} of them: that is "
+        "known only afterwards, so the probe moved people but did not change who is present",
+    )
+
+
+def _state(predictor: Any, domain: Any) -> dict[str, int]:
+    """Hash of everything that a predictor holds, by path; not the domain, which walking it first leaves out."""
+    state = {}
+    for path, leaf in leaves((domain, predictor)):
+        if path.startswith("[1]") and leaf is not None:
+            content = (leaf.shape, leaf.tobytes()) if isinstance(leaf, np.ndarray) else repr(leaf)
+            state[path.removeprefix("[1].")] = hash(content)
+    return state

@@ -1,0 +1,246 @@
+"""From a recording to tracks, and from tracks to windows; all of it is array operations."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, Truth
+from motion_gym.data.recordings import check_recording
+
+Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(positions [A, 20, 2] float64, known [A, 20] bool) -> history [A, 8, F]; positions are zero where not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """A recording sorted by agent, then time, and cut where an agent was out of sight.
+
+    A step is one *listed* frame: frame numbers at which nobody was annotated do not count, as in the released program
+    of the paper. An agent that is lost and found again begins a new track.
+
+    Attributes:
+        tick: [R] int64, index of the row's frame among the listed frames.
+        track: [R] int64, which unbroken track the row belongs to, 0 .. T - 1.
+        agent: [R] int64, id of the agent as in the recording, shifted so that none is negative.
+        xy: [R, 2] float64, metres.
+        age: [R] int64, rows of the same track before this one.
+        left: [R] int64, rows of the same track after this one.
+        ticks: Number of listed frames.
+        dt: Seconds per step.
+    """
+
+    tick: np.ndarray
+    track: np.ndarray
+    agent: np.ndarray
+    xy: np.ndarray
+    age: np.ndarray
+    left: np.ndarray
+    ticks: int
+    dt: float
+
+    @classmethod
+    def of(cls, recording: Recording) -> Tracks:
+        """Sort and cut a recording, after checking it.
+
+        Raises:
+            DataError: a column has the wrong shape or type, or a row is bad.
+        """
+        if len(recording.frame):
+            check_recording(recording)
+        frames, tick = np.unique(recording.frame, return_inverse=True)
+        order = np.lexsort((tick, recording.agent))
+        # Not negative, so that ids of several recordings can be told apart by adding to them.
+        tick, agent = tick[order].astype(np.int64), recording.agent[order] - recording.agent.min(initial=0)
+        new = np.ones(len(tick), bool)
+        new[1:] = (agent[1:] != agent[:-1]) | (tick[1:] != tick[:-1] + 1)
+        track = np.cumsum(new) - 1
+        start = np.flatnonzero(new)
+        length = np.diff(np.append(start, len(tick)))
+        age = np.arange(len(tick)) - np.repeat(start, length)
+        left = np.repeat(length, length) - 1 - age
+        return cls(tick, track, agent, recording.xy[order], age, left, len(frames), recording.dt)
+
+    def around(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The 20 steps whose last observed step is ``row``.
+
+        Args:
+            row: [A] rows with ``age`` of at least 7.
+
+        Returns:
+            positions [A, 20, 2] float64, zero where the track has ended, and known [A, 20] bool.
+        """
+        known = np.arange(-HISTORY + 1, FUTURE + 1) <= self.left[row, None]
+        steps = row[:, None] + np.arange(-HISTORY + 1, FUTURE + 1)
+        positions = self.xy[np.where(known, steps, row[:, None])]
+        positions[~known] = 0
+        return positions, known
+
+    def truth(self, row: np.ndarray, scene: np.ndarray, agent: np.ndarray, features: Features) -> Truth:
+        """Observation and truth of the agents at the given rows (their last observed steps)."""
+        positions, known = self.around(row)
+        history = features(positions, known).astype(np.float32)
+        observation = Observation(history, scene, agent, self.dt)
+        return Truth(positions[:, HISTORY:].astype(np.float32), known[:, HISTORY:], observation)
+
+
+def positions_only(positions: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The history without further features: [A, 8, 2]."""
+    return positions[:, :HISTORY]
+
+
+def offsets(sizes: np.ndarray) -> np.ndarray:
+    """[S + 1] int64, where scenes of the given sizes begin and end."""
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
+def windows_of(
+    recordings: Iterable[Recording], features: Features = positions_only, min_agents: int = 1, stride: int = 1
+) -> Truth:
+    """Cut recordings into windows of 20 consecutive listed frames.
+
+    An agent counts if it is present in all 20 frames, a window counts if at least ``min_agents`` agents do. Which
+    agents are complete is known only afterwards: that choice, made by every published evaluation, reads the future.
+
+    Args:
+        recordings: Places, one after another. Agent ids are shifted so that they differ between recordings.
+        features: Gives the history of each agent.
+        min_agents: Smallest number of complete agents in a window.
+        stride: Listed frames from the start of one window to the start of the next.
+
+    Returns:
+        Truth of all windows, in order of recording, start frame and agent; its scenes are the windows.
+    """
+    parts, shift = [], 0
+    for recording in recordings:
+        tracks = Tracks.of(recording)
+        row = np.flatnonzero((tracks.age >= HISTORY - 1) & (tracks.left >= FUTURE))
+        start = tracks.tick[row] - (HISTORY - 1)
+        if stride > 1:
+            row, start = row[start % stride == 0], start[start % stride == 0]
+        count = np.bincount(start, minlength=tracks.ticks)
+        enough = count[start] >= min_agents
+        row, start = row[enough], start[enough]
+        row = row[np.lexsort((tracks.agent[row], start))]
+        sizes = count[count >= max(min_agents, 1)]
+        scene = offsets(sizes)
+        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features))
+        shift += int(tracks.agent.max(initial=-1)) + 1
+    return stack(parts)
+
+
+def stack(parts: Sequence[Truth]) -> Truth:
+    """Put truths one after another; their scenes stay apart.
+
+    Raises:
+        DataError: no part, or parts whose time steps or features differ.
+    """
+    if not parts:
+        raise DataError("stack needs at least one Truth.")
+    kinds = {(p.observation.dt, p.observation.history.shape[2]) for p in parts}
+    if len(kinds) > 1:
+        raise DataError(f"Cannot stack truths whose (dt, number of features) differ: {sorted(kinds)}.")
+    if len(parts) == 1:
+        return parts[0]
+    sizes = np.concatenate([np.diff(p.observation.scene) for p in parts])
+    observation = Observation(
+        np.concatenate([p.observation.history for p in parts]),
+        offsets(sizes),
+        np.concatenate([p.observation.agent for p in parts]),
+        parts[0].observation.dt,
+    )
+    return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
+
+
+def pick_scenes(truth: Truth, scenes: np.ndarray | list[int] | slice) -> Truth:
+    """The given scenes of a truth, in the given order."""
+    rows = rows_of(truth.observation, scenes)
+    return Truth(truth.future[rows], truth.known[rows], pick_scenes_of(truth.observation, scenes))
+
+
+def pick_scenes_of(observation: Observation, scenes: np.ndarray | list[int] | slice) -> Observation:
+    """The given scenes of an observation, in the given order."""
+    rows = rows_of(observation, scenes)
+    sizes = observation.scene[1:][scenes] - observation.scene[:-1][scenes]
+    scene = offsets(sizes)
+    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt)
+
+
+def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) -> np.ndarray:
+    """Rows of the agents of the given scenes, in the given order."""
+    start = observation.scene[:-1][scenes]
+    sizes = observation.scene[1:][scenes] - start
+    return np.arange(sizes.sum()) + np.repeat(start - np.cumsum(sizes) + sizes, sizes)
+
+
+def whole_scenes(truth: Truth) -> np.ndarray:
+    """Numbers of the scenes of which all is known."""
+    unknown = truth.observation.scene_index[~truth.known.all(axis=1)]
+    return np.setdiff1d(np.arange(truth.observation.scenes), unknown)
+
+
+def check_truth(truth: Any, what: str) -> Truth:
+    """The truth, if it is one that can be scored.
+
+    Raises:
+        DataError: it is of the wrong type, shape or dtype, its scenes do not fit, a scene is empty or has an agent
+            twice, or a value is not finite.
+    """
+    if not isinstance(truth, Truth) or not isinstance(truth.observation, Observation):
+        raise DataError(f"{what} is a {type(truth).__name__}, not a Truth with its Observation.")
+    seen = truth.observation
+    agents = len(truth.future) if isinstance(truth.future, np.ndarray) else -1
+    for name, array, shape, kind in (
+        ("future", truth.future, (agents, FUTURE, 2), "float32"),
+        ("known", truth.known, (agents, FUTURE), "bool"),
+        ("history", seen.history, (agents, HISTORY, -1), "float32"),
+        ("agent", seen.agent, (agents,), "int64"),
+        ("scene", seen.scene, (-1,), "int64"),
+    ):
+        right = isinstance(array, np.ndarray) and array.dtype == kind and array.ndim == len(shape)
+        if not right or any(n not in (m, -1) for m, n in zip(array.shape, shape, strict=True)):
+            got = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+            expected = ", ".join("?" if n == -1 else str(n) for n in shape)
+            raise DataError(f"{what}: {name} is {got}, expected {kind} ({expected}).")
+    sizes = np.diff(seen.scene)
+    if not len(seen.scene) or seen.scene[0] != 0 or seen.scene[-1] != agents or (sizes < 1).any():
+        raise DataError(
+            f"{what}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
+        )
+    order, scene = np.lexsort((seen.agent, seen.scene_index)), seen.scene_index
+    if ((np.diff(seen.agent[order]) == 0) & (np.diff(scene[order]) == 0)).any():
+        raise DataError(f"{what}: an agent is in one scene twice; give every agent of a scene an id of its own.")
+    if seen.history.shape[2] < 2 or not np.isfinite(seen.history).all() or not np.isfinite(truth.future).all():
+        raise DataError(f"{what}: history and future must be finite, and 0 where they are not known.")
+    return truth
+
+
+def counts(truth: Truth) -> dict[str, int]:
+    """Scenes (windows), agent-windows and distinct agents."""
+    observation = truth.observation
+    return {
+        "scenes": observation.scenes,
+        "agent_windows": len(observation),
+        "agents": len(np.unique(observation.agent)),
+    }
+
+
+def empty_truth(features: int, dt: float) -> Truth:
+    """A truth of no scenes."""
+    observation = Observation(
+        np.zeros((0, HISTORY, features), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
+    )
+    return Truth(np.zeros((0, FUTURE, 2), np.float32), np.zeros((0, FUTURE), bool), observation)
+
+
+def digest(truth: Truth) -> dict[str, Any]:
+    """Counts of a truth, and sha256 of what it holds."""
+    seen = truth.observation
+    sha = hashlib.sha256()
+    for array in (seen.history, seen.scene, truth.future, truth.known):
+        sha.update(np.ascontiguousarray(array).tobytes())
+    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha.hexdigest()}

@@ -1,0 +1,1 @@
+"""Streams, and scores of predictors that learn while they run."""

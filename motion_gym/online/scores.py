@@ -1,0 +1,239 @@
+"""Scores of a predictor that learns while it runs: over time, by segment, after a shift, and on return."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motion_gym.metrics.bootstrap import Summary, clustered_interval
+from motion_gym.scoring.cards import in_json
+
+TRAIL = 50
+"""Matured forecasts of a trailing mean."""
+EVERY = 10
+"""Matured forecasts from one point after a shift to the next."""
+WITHIN = 1.1
+"""A shift is recovered from when the trailing mean is at most this many times the error that is to be reached."""
+POINTS = 200
+"""Most points of a curve."""
+
+
+@dataclass(frozen=True)
+class SegmentScore:
+    """What a predictor did on one segment of a stream.
+
+    Attributes:
+        domain: Spec.
+        start: Seconds from the start of the stream.
+        stop: Seconds from the start of the stream.
+        ade: ADE of the forecasts made here that matured.
+        fde: FDE of the same.
+        censored: Forecasts whose agent left before their last step, or before the segment's end.
+        updates: Updates in this segment.
+    """
+
+    domain: str
+    start: float
+    stop: float
+    ade: Summary
+    fde: Summary
+    censored: int
+    updates: int
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A change from one domain to another.
+
+    Attributes:
+        segment: Number of the segment that it begins.
+        at: Seconds from the start of the stream.
+        before: ADE over the segment before, metres.
+        after: Rows of: matured forecasts since the shift, seconds since the shift until the last of them matured, and
+            ADE over the last 50 of them, metres.
+    """
+
+    segment: int
+    at: float
+    before: float
+    after: list[tuple[int, float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineCard:
+    """What came out of a stream, and how.
+
+    Attributes:
+        predictor: Name or spec.
+        stream: Name.
+        domains: Cards of the domains, by spec.
+        labels: ``matured`` or ``stepwise``.
+        scope: What a reset is for: ``stream``, ``place`` or ``agent``.
+        realtime: Whether the stream waited for no update.
+        cost: Declared seconds of an update, None where they were measured.
+        protocol: Always ``honest``.
+        k: Samples.
+        seed: Of a stochastic predictor's samples.
+        ade: ADE over all matured forecasts.
+        fde: FDE over all matured forecasts.
+        censored: Forecasts whose agent left before their last step.
+        segments: The same by segment.
+        curve: Rows of seconds from the start, and the trailing mean ADE over the last 50 forecasts by when they were
+            made.
+        shifts: Changes of the domain after which at least 50 forecasts matured.
+        returns: Rows of domain, ADE of its first visit, and of a later one, where at least 50 forecasts matured.
+        updates: Times that the predictor learned.
+        rolled_back: Updates that were taken back, since they made weights that are not finite.
+        skipped: Steps at which truth came and an update was under way (realtime).
+        update_seconds: Median and 95th percentile of a call of ``observe``, also of those that only remember.
+        tick_seconds: Median and 95th percentile of a step: an update, if there is one, and the forecasts.
+        peak_memory: Bytes, of the whole process.
+        oracle: Whether the predictor is told what no forecaster can know.
+        leaks: What reads the future on purpose.
+        selection: How weights were selected.
+        values: ADE of each matured forecast, in order of being made; not written to files.
+        made: Listed frame at which each was made; not written to files.
+    """
+
+    predictor: str
+    stream: str
+    domains: Mapping[str, Any]
+    labels: str
+    scope: str
+    realtime: bool
+    cost: float | None
+    protocol: str
+    k: int
+    seed: int
+    ade: Summary
+    fde: Summary
+    censored: int
+    segments: list[SegmentScore]
+    curve: list[tuple[float, float]]
+    shifts: list[Shift]
+    returns: list[tuple[str, float, float]]
+    updates: int
+    rolled_back: int
+    skipped: int
+    update_seconds: tuple[float, float]
+    tick_seconds: tuple[float, float]
+    peak_memory: int
+    oracle: bool
+    leaks: tuple[str, ...]
+    selection: str
+    values: np.ndarray
+    made: np.ndarray
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it in plain types, except the values of each forecast."""
+        fields = (f.name for f in dataclasses.fields(self) if f.name not in ("values", "made"))
+        plain: dict[str, Any] = {name: getattr(self, name) for name in fields}
+        for name in ("segments", "shifts"):
+            plain[name] = [dataclasses.asdict(item) for item in plain[name]]
+        for name in ("ade", "fde"):
+            plain[name] = dataclasses.asdict(plain[name])
+        plain["aggregation"] = (
+            "each forecast was stored before its truth was told, and scored before it was learned from; means over "
+            "matured agent-forecasts, most likely sample; 95 % intervals by bootstrap of whole agents"
+        )
+        return in_json(plain)  # type: ignore[no-any-return]
+
+    def __str__(self) -> str:
+        ms = 1000 * self.tick_seconds[1]
+        return (
+            f"{self.predictor} on {self.stream}: ADE {self.ade.mean:.3f} [{self.ade.low:.3f}, {self.ade.high:.3f}] m, "
+            f"FDE {self.fde.mean:.3f} m over {self.ade.agent_windows} matured forecasts ({self.censored} censored); "
+            f"{self.updates} updates, {ms:.1f} ms per step (95th percentile)"
+        )
+
+
+def summary_of(values: np.ndarray, person: np.ndarray, made: np.ndarray) -> Summary:
+    """Mean of matured forecasts with its interval and counts."""
+    mean, low, high = clustered_interval(values, person)
+    return Summary(mean, low, high, len(values), len(np.unique(made)), len(np.unique(person)))
+
+
+def trailing(values: np.ndarray, width: int = TRAIL) -> np.ndarray:
+    """[N] mean of each value and those before it, ``width`` in all, or as many as there are."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    last = np.arange(1, len(values) + 1)
+    first = np.maximum(last - width, 0)
+    return (total[last] - total[first]) / (last - first)
+
+
+def curve_of(values: np.ndarray, seconds: np.ndarray) -> list[tuple[float, float]]:
+    """The trailing mean over time, at most ``POINTS`` points of it, from the tenth forecast on."""
+    mean = trailing(values)
+    chosen = np.unique(np.linspace(min(EVERY, len(mean)) - 1, len(mean) - 1, POINTS).astype(int))
+    return [(round(float(seconds[i]), 2), round(float(mean[i]), 4)) for i in chosen]
+
+
+def shifts_of(
+    values: np.ndarray, segment: np.ndarray, seconds: np.ndarray, labels: Sequence[str], starts
+) -> list[Shift]:
+    """The shifts of a stream.
+
+    Args:
+        values: [N] errors of matured forecasts, in order of being made.
+        segment: [N] segments that they were made in.
+        seconds: [N] when they matured, from the start of the stream.
+        labels: Domain of each segment.
+        starts: Seconds at which each segment begins.
+    """
+    found = []
+    for number in range(1, len(labels)):
+        own = np.flatnonzero(segment == number)
+        before = values[segment == number - 1]
+        if labels[number] == labels[number - 1] or len(own) < TRAIL or not len(before):
+            continue
+        mean = trailing(values[own])
+        rows = [
+            (n, round(float(seconds[own[n - 1]] - starts[number]), 2), round(float(mean[n - 1]), 4))
+            for n in range(TRAIL, len(own) + 1, EVERY)
+        ]
+        found.append(Shift(number, float(starts[number]), float(before.mean()), rows))
+    return found
+
+
+def returns_of(visits: Sequence[tuple[str, float | None, int]]) -> list[tuple[str, float, float]]:
+    """Domain, error of the first visit, and of each later one.
+
+    Args:
+        visits: Domain, error, and number of matured forecasts, one by one; those of fewer than 50 do not count.
+    """
+    first: dict[str, float] = {}
+    found = []
+    for domain, error, count in visits:
+        if error is None or count < TRAIL:
+            continue
+        if domain in first:
+            found.append((domain, first[domain], error))
+        first.setdefault(domain, error)
+    return found
+
+
+def recovery(shift: Mapping[str, Any], levels: Sequence[float]) -> tuple[int, float] | None:
+    """Matured forecasts and seconds from a shift until the trailing mean is within 10 % of a level; None if never.
+
+    Args:
+        shift: A shift of a result, as ``as_dict`` gives it.
+        levels: Error, metres, that is to be reached at each of its rows, as the trailing mean of an oracle.
+    """
+    rows = zip(shift["after"], levels, strict=False)
+    return next(((int(n), float(s)) for (n, s, ade), level in rows if ade <= WITHIN * level), None)
+
+
+def after_first(result: Mapping[str, Any]) -> float:
+    """Mean ADE, metres, over the segments after the first one; over all if there is one only."""
+    parts = result["segments"][1:] or result["segments"]
+    counted = [(s["ade"]["mean"], s["ade"]["agent_windows"]) for s in parts if s["ade"]["agent_windows"]]
+    return sum(mean * n for mean, n in counted) / sum(n for _, n in counted) if counted else float("nan")
+
+
+def gain(none: float, adapted: float, oracle: float) -> float:
+    """(none - adapted) / (none - oracle): 0 without adaptation, 1 if like the oracle; NaN if that is no better."""
+    return (none - adapted) / (none - oracle) if none > oracle else float("nan")

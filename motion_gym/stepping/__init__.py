@@ -1,0 +1,1 @@
+"""The two clocks, the ledger of forecasts, and the environments that show them."""

@@ -1,0 +1,208 @@
+"""How the harness uses a predictor: made ready, asked, and never trusted."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+from typing import Any
+
+import numpy as np
+
+from motion_gym import catalog
+from motion_gym.contract import (
+    FUTURE,
+    DataError,
+    Domain,
+    Forecast,
+    MotionGymError,
+    Observation,
+    Predictor,
+    PredictorError,
+    Truth,
+    raised_at,
+)
+from motion_gym.data.domains import spec_of, training_set
+from motion_gym.data.windows import check_truth
+
+
+def name_of(predictor: Any) -> str:
+    """Name of a predictor for tables and messages: its own ``name``, or its class with settings.
+
+    Settings are those arguments of the constructor that are attributes of the same name and not at their defaults.
+    """
+    own = getattr(predictor, "name", None)
+    if isinstance(own, str):
+        return own
+    try:
+        arguments = inspect.signature(type(predictor)).parameters.values()
+    except (TypeError, ValueError):
+        return type(predictor).__name__
+    values = [(a, getattr(predictor, a.name, a.default)) for a in arguments]
+    plain = (int, float, str, type(None))
+    settings = [f"{a.name}={v!r}" for a, v in values if isinstance(v, plain) and v != a.default]
+    return type(predictor).__name__ + (f"({', '.join(settings)})" if settings else "")
+
+
+def selection_of(predictor: Any) -> str:
+    """How the weights of a predictor were selected, as it says itself."""
+    return str(getattr(predictor, "selection", "does not say how its weights were selected (attribute `selection`)"))
+
+
+def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predictor:
+    """Make a predictor ready for a domain.
+
+    A predictor given by name or spec is made, and fitted to the domain's sources if it can be and is not yet. An
+    oracle is shown the domain. Then it is reset.
+
+    Raises:
+        SpecError: the name is not known, or the domain names no sources to fit to.
+    """
+    made = catalog.predictor(predictor)
+    if isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False):
+        train, validation = training_set(domain)
+        guarded(made, "fit", train, validation, seed)
+        if not hasattr(made, "trained_on"):
+            with contextlib.suppress(AttributeError):  # it may not take further attributes
+                made.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
+    if hasattr(made, "know"):
+        guarded(made, "know", domain)
+    if hasattr(made, "reset"):
+        guarded(made, "reset")
+    return made
+
+
+def windows_of_domain(domain: Domain, split: str) -> Truth:
+    """``domain.windows(split)``, checked.
+
+    Raises:
+        DataError: it raised, or gave something that cannot be scored.
+    """
+    name = type(domain).__name__
+    try:
+        truth = domain.windows(split)
+    except MotionGymError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise DataError(
+            f"{name}.windows({split!r}) raised {type(error).__name__}: {error} ({raised_at(error)})."
+        ) from error
+    return check_truth(truth, f"{name}.windows({split!r})")
+
+
+def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+    """Ask for a forecast, and check the answer.
+
+    The predictor is given a copy that cannot be written to, so that it cannot change what others see.
+
+    Returns:
+        Forecast of float32 positions [A, K, 12, 2] with K = ``samples``, or 1 where the predictor is deterministic.
+
+    Raises:
+        PredictorError: it raised, tried to change its input, or answered with something that is not a forecast.
+    """
+    if not len(observation):
+        return Forecast(np.zeros((0, samples, FUTURE, 2), np.float32))
+    answer = guarded(predictor, "predict", frozen(observation), samples=samples, seed=seed)
+    try:
+        return checked(answer, observation, samples, name_of(predictor))
+    except MotionGymError:
+        raise
+    except Exception as error:  # arrays and forecasts of somebody else's making may raise anything
+        raise PredictorError(
+            f"{name_of(predictor)}.predict returned something that cannot be read ({type(error).__name__}): return a "
+            "Forecast of plain numpy arrays."
+        ) from error
+
+
+def tell(predictor: Predictor, truth: Truth) -> None:
+    """Let a predictor that has ``observe`` see revealed truth, or reference scenes."""
+    if hasattr(predictor, "observe") and len(truth.future):
+        guarded(predictor, "observe", _locked_truth(truth))
+
+
+def tune(predictor: Predictor, scenes: Truth, validation: Truth | None) -> None:
+    """Let a predictor that has ``tune`` learn from scenes, and select by others if there are some."""
+    guarded(predictor, "tune", _locked_truth(scenes), None if validation is None else _locked_truth(validation))
+
+
+def _locked_truth(truth: Truth) -> Truth:
+    return Truth(_locked(truth.future), _locked(truth.known), frozen(truth.observation))
+
+
+def checked(answer: Any, observation: Observation, samples: int, name: str) -> Forecast:
+    """A forecast in its proper form, from what a predictor returned; PredictorError if it is none."""
+    forecast = answer if isinstance(answer, Forecast) else Forecast(answer)
+    positions = forecast.positions
+    if not isinstance(positions, np.ndarray) or isinstance(positions, np.ma.MaskedArray):
+        raise PredictorError(
+            f"{name}.predict returned {type(positions).__name__}; return a Forecast or a numpy array "
+            f"[A, K, {FUTURE}, 2] float32."
+        )
+    agents = len(observation)
+    if positions.ndim != 4 or positions.shape[0] != agents or positions.shape[2:] != (FUTURE, 2):
+        hint = " For one sample use positions[:, None]." if positions.shape == (agents, FUTURE, 2) else ""
+        raise PredictorError(
+            f"{name}.predict returned shape {positions.shape} for {agents} agents, expected ({agents}, {samples}, "
+            f"{FUTURE}, 2): agents, samples, future steps, x and y.{hint}"
+        )
+    if positions.shape[1] not in (1, samples):
+        allowed = f"{samples}, or 1 if the predictor is deterministic" if samples > 1 else "1"
+        raise PredictorError(
+            f"{name}.predict returned {positions.shape[1]} samples and {samples} were asked for: return {allowed}."
+        )
+    if positions.dtype.kind != "f":
+        raise PredictorError(f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres.")
+    # A copy, since a predictor that keeps its array could change a stored forecast later; cast first, since what is
+    # finite in float64 may not be in float32.
+    with np.errstate(over="ignore"):
+        positions = np.array(positions, np.float32)
+    if not np.isfinite(positions).all():
+        finite = np.isfinite(positions).all(axis=(1, 2, 3))
+        bad = int(np.flatnonzero(~finite)[0])
+        raise PredictorError(
+            f"{name}.predict returned NaN or infinite positions for {int((~finite).sum())} of {agents} agents, the "
+            f"first in row {bad} (agent {observation.agent[bad]}): every position must be finite."
+        )
+    weights = forecast.weights
+    if weights is not None:
+        try:
+            weights = np.array(weights, np.float32)
+        except (TypeError, ValueError):
+            raise PredictorError(
+                f"{name}.predict returned weights that are no numbers: return float32 {positions.shape[:2]} or None."
+            ) from None
+        if weights.shape != positions.shape[:2] or not np.isfinite(weights).all() or (weights < 0).any():
+            raise PredictorError(
+                f"{name}.predict returned weights of shape {weights.shape}: expected {positions.shape[:2]}, finite and "
+                "not negative, or None."
+            )
+    return Forecast(positions, weights)
+
+
+def frozen(observation: Observation) -> Observation:
+    """A copy of an observation whose arrays cannot be written to; nothing but its four fields goes along."""
+    history, scene, agent = (_locked(a) for a in (observation.history, observation.scene, observation.agent))
+    return Observation(history, scene, agent, float(observation.dt))
+
+
+def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
+    """Call a method of a predictor; whatever it raises becomes a PredictorError that names it."""
+    try:
+        return getattr(predictor, method)(*arguments, **keywords)
+    except MotionGymError:
+        raise
+    except (Exception, SystemExit) as error:
+        remedy = ""
+        if "read-only" in str(error) or "not writeable" in str(error):
+            remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
+        elif isinstance(error, TypeError) and "argument" in str(error):
+            remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
+        said = f": {str(error).rstrip('.')}" if str(error) else ""
+        message = f"{name_of(predictor)}.{method} raised {type(error).__name__}{said} ({raised_at(error)}).{remedy}"
+        raise PredictorError(message) from error
+
+
+def _locked(array: np.ndarray) -> np.ndarray:
+    copy = np.array(array)  # of the plain class, whatever the array was
+    copy.flags.writeable = False
+    return copy

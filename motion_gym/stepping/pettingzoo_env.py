@@ -1,0 +1,216 @@
+"""The PettingZoo environment: a dict of observations out, a dict of forecasts in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from pettingzoo import ParallelEnv
+
+from motion_gym import catalog
+from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, SpecError, check_action
+from motion_gym.data.windows import positions_only
+from motion_gym.stepping.clocks import Clock, Ledger, Settled, Step, StreamClock, WindowsClock
+from motion_gym.stepping.harness import windows_of_domain
+from motion_gym.stepping.render import Canvas, check_render_mode
+
+CLOCKS = ("windows", "stream")
+
+
+class ForecastEnv(ParallelEnv):
+    """Agents enter with what was observed of them, forecast, and are scored when the truth is revealed.
+
+    ## Observation space
+    ``Box(8, F)``, float32: x and y in metres, oldest first, and the domain's further features.
+
+    ## Action space
+    ``Box(K, 12, 2)``, float32: K sampled forecasts of the agent's next 12 positions, in metres, in the frame of the
+    observation. With K = 1, ``(12, 2)`` is accepted too.
+
+    ## Clocks
+    ``windows``: each step is the next window of the split. Agents live for one step: they enter, their forecast is
+    scored, they terminate. Reward: minus the ADE of the most likely (first) sample.
+    ``stream``: each step is one frame of the recording. An agent enters with its 8th frame and terminates when it
+    leaves; its id never returns. The reward that comes with the observation of a frame is minus the mean error of the
+    points that became known with that frame, over the agent's outstanding forecasts. It cannot depend on the forecast
+    that answers this observation.
+
+    ## Infos
+    When forecasts of an agent are settled (matured, or censored because it left), its info has ``history``
+    [M, 8, F], ``future`` [M, 12, 2], ``known`` [M, 12] (future is zero where not known), ``forecast`` [M, K, 12, 2]
+    and ``made`` [M], the time at which each was made. ``env.ledger`` keeps them all.
+
+    ## Episode end
+    After the last window or frame; ``agents`` is then empty. Nothing is ever truncated.
+
+    Args:
+        domain: A name, a spec, ``"module:Class"`` or a domain.
+        clock: ``"windows"`` or ``"stream"``.
+        split: Which split to play.
+        samples: K.
+        render_mode: ``"rgb_array"``, ``"human"`` or None.
+        **parameters: Parameters of the domain.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "name": "motion_gym",
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 5,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        domain: str | Domain,
+        clock: str = "windows",
+        split: str = "test",
+        samples: int = 1,
+        render_mode: str | None = None,
+        **parameters: Any,
+    ):
+        self.domain = catalog.domain(domain, **parameters)
+        if clock not in CLOCKS:
+            raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
+        samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
+        check_render_mode(render_mode)
+        self.clock: Clock = make_clock(self.domain, clock, split)
+        if not self.clock.size:
+            raise SpecError(f"Split `{split}` of `{self.domain!r}` has nobody to observe: nothing to play.")
+        self.samples = samples
+        self.render_mode = render_mode
+        self.ledger = Ledger()
+        self.possible_agents = [self.clock.name(i) for i in range(self.clock.size)]
+        self.agents: list[str] = []
+        self._step = self.clock.reset()
+        features = self._step.observation.history.shape[2]
+        self._observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (HISTORY, features), np.float32)
+        self._action_space = gymnasium.spaces.Box(-np.inf, np.inf, (samples, FUTURE, 2), np.float32)
+        card = self.domain.card
+        self._canvas = Canvas(f"{card.name}, {clock} clock", self.clock.extent, card.unit, self.metadata["render_fps"])
+
+    def observation_space(self, agent: str) -> gymnasium.spaces.Space:
+        """Box(8, F), the same for all agents."""
+        return self._observation_space
+
+    def action_space(self, agent: str) -> gymnasium.spaces.Space:
+        """Box(K, 12, 2), the same for all agents."""
+        return self._action_space
+
+    def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
+        """Go to the beginning. The data is what it is: seed and options change nothing."""
+        self.ledger = Ledger()
+        self._enter(self.clock.reset())
+        self._show(None)
+        return self._observations(), {name: {} for name in self.agents}
+
+    def step(self, actions: Mapping[str, np.ndarray]) -> tuple[dict, dict, dict, dict, dict]:
+        """Store one forecast per agent, go on, and reveal what happened.
+
+        Raises:
+            ActionError: an action is missing, not asked for, or not a finite float32 array of the right shape. The
+                environment has not moved then.
+        """
+        forecast = self._forecast(actions)
+        before, last = self.agents, self._step
+        step = self.clock.step(forecast)
+        self._enter(step)
+        self.ledger.add(step.settled)
+        stay = set(self.agents)
+        left = [i for i, name in enumerate(before) if name not in stay]
+        observations = self._observations()
+        observations.update((before[i], last.observation.history[i].copy()) for i in left)
+        names = list(observations)
+        reward = dict.fromkeys(names, 0.0)
+        reward.update(zip(before, step.reward.tolist(), strict=True))
+        terminated = dict.fromkeys(names, False)
+        terminated.update((before[i], True) for i in left)
+        infos: dict[str, dict[str, Any]] = {name: {} for name in names}
+        self._report(step.settled, infos)
+        self._show(step.settled)
+        return observations, reward, terminated, dict.fromkeys(names, False), infos
+
+    def render(self) -> np.ndarray | None:
+        """The last step as an image [H, W, 3] uint8 (``rgb_array``); None in ``human`` mode, which draws by itself.
+
+        Raises:
+            SpecError: the environment was made without a render_mode.
+        """
+        return self._canvas.image(self.render_mode)
+
+    def close(self) -> None:
+        """Close the window, if one was opened."""
+        self._canvas.close()
+
+    def _enter(self, step: Step) -> None:
+        self._step = step
+        self.agents = [self.possible_agents[i] for i in step.identity]
+
+    def _observations(self) -> dict[str, np.ndarray]:
+        return dict(zip(self.agents, self._step.observation.history.copy(), strict=True))
+
+    def _forecast(self, actions: Mapping[str, np.ndarray]) -> Forecast:
+        if not self.agents:
+            raise ActionError("The episode is over, or was not begun: call reset().")
+        if not isinstance(actions, Mapping):
+            raise ActionError(f"Actions are a dict from the names in `env.agents`, not {type(actions).__name__}.")
+        here = set(self.agents)
+        extra = [name for name in actions if name not in here]
+        if extra:
+            why = "is not here now" if extra[0] in self.possible_agents else "is not an agent of this environment"
+            raise ActionError(f"Action for `{extra[0]}`, which {why}. Give actions for `env.agents` only.")
+        missing = [name for name in self.agents if name not in actions]
+        if missing:
+            raise ActionError(
+                f"No action for {len(missing)} of {len(here)} agents, {missing[0]} first: every agent of `env.agents` "
+                "needs a forecast."
+            )
+        chosen = [actions[name] for name in self.agents]
+        for name, action in zip(self.agents, chosen, strict=True):
+            check_action(action, (self.samples, FUTURE, 2), f"Action of `{name}`", one_sample=True)
+        stacked = np.stack([a.reshape(self.samples, FUTURE, 2) for a in chosen])
+        if not np.isfinite(stacked).all():
+            bad = self.agents[int(np.flatnonzero(~np.isfinite(stacked).all(axis=(1, 2, 3)))[0])]
+            raise ActionError(f"Action of `{bad}` has NaN or infinite positions: every position must be finite.")
+        return Forecast(stacked)
+
+    def _report(self, settled: Settled, infos: dict[str, dict[str, Any]]) -> None:
+        if not len(settled.made):
+            return
+        order = np.argsort(settled.identity, kind="stable")
+        identity, start, count = np.unique(settled.identity[order], return_index=True, return_counts=True)
+        columns = {
+            "history": settled.truth.observation.history[order],
+            "future": settled.truth.future[order],
+            "known": settled.truth.known[order],
+            "forecast": settled.forecast.positions[order],
+            "made": settled.made[order],
+        }
+        for i, first, n in zip(identity, start, count, strict=True):
+            infos[self.possible_agents[i]].update({key: column[first : first + n] for key, column in columns.items()})
+
+    def _show(self, settled: Settled | None) -> None:
+        if not self.render_mode:
+            return
+        observation, time, paths = self._step.observation, self.clock.time, None
+        if isinstance(self.clock, StreamClock):
+            paths = self.clock.latest_paths()
+        elif settled is not None:
+            observation, time = settled.truth.observation, int(settled.made[0])
+        truth, forecast = (None, None) if settled is None else (settled.truth, settled.forecast)
+        self._canvas.update(time, observation, truth, forecast, paths)
+        if self.render_mode == "human":
+            self._canvas.show()
+
+
+def parallel_env(domain: str | Domain, clock: str = "windows", **arguments: Any) -> ForecastEnv:
+    """Make the PettingZoo environment of a domain; see ``ForecastEnv`` for the arguments."""
+    return ForecastEnv(domain, clock=clock, **arguments)
+
+
+def make_clock(domain: Domain, clock: str, split: str) -> Clock:
+    """The clock that replays a split of a domain."""
+    if clock == "windows":
+        return WindowsClock(windows_of_domain(domain, split))
+    return StreamClock(domain.recordings(split), getattr(domain, "history", positions_only))

@@ -1,0 +1,130 @@
+"""Weights on disk: a safetensors file with all seeds and a JSON card beside it; those that ship are found by name."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from safetensors.torch import load as load_safetensors
+from safetensors.torch import save as save_safetensors
+from torch import Tensor
+
+from motion_gym.catalog import suggest
+from motion_gym.contract import PredictorError
+from motion_gym.data.storage import StorageError, atomic_file, write_atomic
+
+SHIPPED = Path(__file__).parent.parent / "weights"
+"""Folder of the weights that come with the package: a folder for each benchmark, a file for each of its rows."""
+
+
+def locate(weights: str, row: str) -> Path:
+    """File of weights that were asked for by name or by path.
+
+    Args:
+        weights: Path of a ``.safetensors`` file, or name of a benchmark whose weights are shipped (``spurious``).
+        row: Predictor with its settings, as ``invariant:penalty=1``.
+
+    Raises:
+        PredictorError: there is no such file.
+    """
+    if weights.endswith(".safetensors"):
+        path = Path(os.path.expanduser(weights))
+        if not path.is_file():
+            raise PredictorError(f"There is no file {path}: weights are a .safetensors and a .json.")
+        return path
+    if weights not in _names(SHIPPED):
+        _names.cache_clear()  # they may have come since
+    names = _names(SHIPPED)
+    if weights not in names:
+        raise PredictorError(
+            f"There are no weights `{weights}`: give a file that ends in .safetensors, or a name."
+            f"{suggest(weights, names)}"
+        )
+    folder = SHIPPED / weights
+    path = folder / file_name(row)
+    if not path.is_file():
+        rows = sorted(p.stem.replace("-", ":", 1) for p in folder.glob("*.safetensors"))
+        raise PredictorError(
+            f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "
+            f"--benchmark {weights}."
+        )
+    return path
+
+
+@functools.cache
+def _names(folder: Path) -> frozenset[str]:
+    """Folders with weights, below a folder."""
+    return frozenset(p.parent.relative_to(folder).as_posix() for p in folder.rglob("*.safetensors"))
+
+
+def file_name(row: str) -> str:
+    """How the file of a predictor with its settings is called."""
+    return f"{row.replace(':', '-', 1)}.safetensors"
+
+
+def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Tensors, as float32, and card.
+
+    Raises:
+        PredictorError: a file is missing or damaged.
+    """
+    try:
+        content = path.read_bytes()
+        text = path.with_suffix(".json").read_bytes()
+    except OSError as error:
+        reason = "There is no file" if isinstance(error, FileNotFoundError) else f"{error.strerror}:"
+        raise PredictorError(f"{reason} {error.filename}: weights are a .safetensors and a .json.") from None
+    try:
+        tensors = {name: value.float() for name, value in load_safetensors(content).items()}
+    except Exception as error:  # a damaged archive raises types of the library's own
+        raise PredictorError(f"{path} cannot be read, it is damaged or no safetensors file: {error}.") from None
+    card = _checked_card(path.with_suffix(".json"), text)
+    if card.get("sha256") != hashlib.sha256(content).hexdigest():
+        raise PredictorError(f"{path} and its card, .json, do not belong together: copy or train both again.")
+    return tensors, card
+
+
+def _checked_card(path: Path, text: bytes) -> dict[str, Any]:
+    try:
+        card = json.loads(text)
+    except ValueError as error:
+        raise PredictorError(f"{path} cannot be read, it is damaged or no JSON file: {error}.") from None
+    if not isinstance(card, dict):
+        raise PredictorError(f"{path} is no card of weights: it must hold a JSON object.")
+    seeds, names = card.get("seeds"), card.get("trained_on", [])
+    whole = isinstance(seeds, list) and all(isinstance(seed, int) for seed in seeds) and len(set(seeds)) == len(seeds)
+    if seeds is not None and not whole:
+        raise PredictorError(f"{path}: `seeds` is {seeds!r}, and must be a list of different whole numbers.")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise PredictorError(f"{path}: `trained_on` is {names!r}, and must be a list of names.")
+    for key in ("selection", "predictor"):
+        if not isinstance(card.get(key, ""), str):
+            raise PredictorError(f"{path}: `{key}` is {card[key]!r}, and must be text.")
+    return card
+
+
+def write(path: Path, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) -> None:
+    """Write both files; tensors whose values half precision holds exactly are stored so.
+
+    Raises:
+        StorageError: a file could not be written; neither is then half written.
+    """
+    stored = {
+        name: value.half() if bool((value.half().float() == value).all()) else value for name, value in tensors.items()
+    }
+    if path.suffix == ".json":
+        raise StorageError(f"{path} is where the card goes: let the weights end in .safetensors. Nothing was written.")
+    content = save_safetensors({name: value.contiguous() for name, value in stored.items()})
+    try:
+        text = json.dumps({**card, "sha256": hashlib.sha256(content).hexdigest()}, indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise StorageError(f"The card of {path} cannot be written as JSON: {error}. Nothing was written.") from None
+    # Whoever cannot write the card has not replaced the weights.
+    with atomic_file(path) as file:
+        file.write(content)
+        write_atomic(path.with_suffix(".json"), f"{text}\n".encode())

@@ -1,0 +1,1 @@
+"""Adapters: predictors around a predictor that learn from revealed truth."""

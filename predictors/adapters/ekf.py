@@ -1,0 +1,181 @@
+"""Extended Kalman filter on a few weights of a network, with averaging and a gate against outliers."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.catalog import whole_number
+from motion_gym.contract import FUTURE, SpecError, Truth
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.adapters.adapter import KEPT, MEMORY, Adapter, scene_key
+from motion_gym.predictors.networks.last_layer import tunable
+from motion_gym.predictors.training.objectives import number, positive
+
+MOST_WEIGHTS = 4096
+"""Weights that can be filtered: their covariance has as many squared."""
+STEPS = (2, 5, 8, 11)
+"""Future steps, from 0, whose positions are what is measured."""
+
+
+class Ekf(Adapter):
+    """Takes the chosen weights for the state of an extended Kalman filter, and true positions for its measurements.
+
+    The weights are a constant that drifts; each scene measures them through the network, linearised where they are.
+    After Abuduweili and Liu, "Robust online model adaptation by extended Kalman filter with exponential moving average
+    and dynamic multi-epoch strategy" (L4DC 2020): forecasts are made by an exponential average of the weights. Scenes
+    whose innovation is implausibly large are skipped.
+
+    Args:
+        of: Name of a predictor of the STGAT or modular family, or such a predictor; a copy of it is used.
+        parts: The weights: ``modulator`` (f), ``last_layer``, or others of at most 4096 weights.
+        spread: Standard deviation of the weights around the trained ones at the start; above 0.
+        drift: Standard deviation of what each scene adds to it; 0 or more.
+        noise: Standard deviation of a coordinate of a position, metres; above 0.
+        average: Share of the old average that an update leaves, from 0 to below 1.
+        gate: A scene is skipped if its innovation, in standard deviations, is above this on root mean square.
+        agents: Most agents of a scene that are measured, those of which most is known first.
+        every: Scenes that must have come before the next update; it is by one of the last ones.
+        least: Future steps of which an agent of a scene must be known for the scene to count, 3 to 12.
+        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
+
+    Raises:
+        SpecError: an argument is not known or not allowed, or there are too many weights.
+        PredictorError: the predictor cannot be tuned, or has no such part.
+    """
+
+    kind = "ekf"
+    settings = ("parts", "spread", "drift", "noise", "average", "gate", "agents", "every", "least", "memory")
+
+    def __init__(
+        self,
+        of: Any = "modular_invariant",
+        parts: str = "last_layer",
+        spread: float = 0.03,
+        drift: float = 1e-4,
+        noise: float = 0.1,
+        average: float = 0.5,
+        gate: float = 5.0,
+        agents: int = 4,
+        every: int = 1,
+        least: int = FUTURE,
+        memory: int = MEMORY,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+    ):
+        self.parts, self.spread, self.drift = parts, positive("spread", spread), number("drift", drift)
+        self.noise, self.average, self.gate = (
+            positive("noise", noise),
+            number("average", average),
+            positive("gate", gate),
+        )
+        if self.average >= 1:
+            raise SpecError(f"`average={average}` must be below 1: the share of the old average that is kept.")
+        self.agents, self.every = whole_number("agents", agents, 1, 1000), whole_number("every", every, 1, 10**6)
+        self.least = whole_number("least", least, STEPS[0] + 1, FUTURE)
+        super().__init__(of, memory, weights, seed)
+        self.tuned = tunable(self.inner, parts)
+        size = sum(self.inner.tensors[name].numel() for name in self.tuned)
+        if size > MOST_WEIGHTS:
+            raise SpecError(
+                f"`parts={parts}` of {self.inner.name} are {size} weights, and the covariance of more than "
+                f"{MOST_WEIGHTS} is too large to keep: choose a smaller one of {', '.join(self.inner.parts)}."
+            )
+
+    def _start(self) -> None:
+        super()._start()
+        self.state = self.covariance = torch.zeros(0)
+        """[n] weights of the filter, and [n, n]."""
+        self.outliers = 0
+        """Scenes that were left out."""
+        self.measured: OrderedDict[bytes, None] = OrderedDict()
+        """The last scenes that were measured, by what was observed: each is measured once."""
+        self.waiting = 0
+        """Scenes that have come since the last update."""
+
+    def learn(self, truth: Truth) -> None:
+        """Update by the scene in which most agents are known, if enough have come."""
+        said = np.bincount(truth.observation.scene_index, truth.known.sum(axis=1) >= self.least)
+        scenes = {scene_key(truth, scene): scene for scene in np.flatnonzero(said).tolist()}
+        new = {key: scene for key, scene in scenes.items() if key not in self.measured}
+        self.waiting += len(new)
+        if self.waiting >= self.every and new:
+            best = max(new.values(), key=lambda scene: said[scene])
+            self._update(pick_scenes(truth, [best]))
+            self.waiting = 0
+        self.measured.update(dict.fromkeys(new))
+        while len(self.measured) > KEPT:
+            self.measured.popitem(last=False)
+
+    def _update(self, scene: Truth) -> None:
+        if not len(self.state):
+            self.state = torch.cat([self.inner.tensors[name].flatten() for name in self.tuned])
+            self.covariance = torch.eye(len(self.state)) * self.spread**2
+        slope, innovation = self._measured(scene)
+        across = self.covariance @ slope.T + self.drift**2 * slope.T
+        total = slope @ across + self.noise**2 * torch.eye(len(innovation))
+        root, failed = torch.linalg.cholesky_ex(total)
+        if failed or not bool(torch.isfinite(total).all() and torch.isfinite(innovation).all()):
+            self.updates, self.rolled_back = self.updates + 1, self.rolled_back + 1
+            return
+        whitened = torch.linalg.solve_triangular(root, innovation[:, None], upper=False)[:, 0]
+        if float(whitened @ whitened) > self.gate**2 * len(innovation):
+            self.outliers += 1
+            return
+        self.updates += 1
+        gain = torch.linalg.solve_triangular(root, across.T, upper=False).T
+        state = self.state + gain @ whitened
+        if not bool(torch.isfinite(state).all() and torch.isfinite(gain).all()):
+            self.rolled_back += 1
+            return
+        self.state = state
+        self.covariance.diagonal().add_(self.drift**2)
+        self.covariance.addmm_(gain, gain.T, alpha=-1)  # in place, as it is large
+        filtered = self._split(state)
+        begun = self.inner.tensors
+        mean = {name: torch.lerp(filtered[name], begun[name], self.average) for name in self.tuned}
+        self.inner.tensors = {**begun, **mean}
+
+    def _measured(self, scene: Truth) -> tuple[Tensor, Tensor]:
+        """Slope [m, n] of the measured coordinates with respect to the weights, and their innovation [m], metres.
+
+        The network runs once for each coordinate, side by side, so that one backward pass gives all slopes.
+        """
+        known = scene.known[:, list(STEPS)]
+        chosen = np.argsort(-known.sum(axis=1), kind="stable")[: self.agents]
+        agent, step = (torch.from_numpy(index) for index in np.nonzero(known[chosen]))
+        agent, step = (
+            torch.from_numpy(chosen)[agent].repeat_interleave(2),
+            torch.tensor(STEPS)[step].repeat_interleave(2),
+        )
+        axis = torch.arange(2).repeat(len(agent) // 2)
+        models = len(agent)
+        free = self._split(self.state)
+        weights = {
+            name: free.get(name, value).expand(models, *value.shape[1:]).contiguous()
+            for name, value in self.inner.tensors.items()
+        }
+        with torch.enable_grad():
+            for name in self.tuned:
+                weights[name].requires_grad_()
+            offsets = self.inner.offsets(scene.observation, weights)
+            said = offsets[torch.arange(models), agent, step, axis]
+            slopes = torch.autograd.grad(said.sum(), [weights[name] for name in self.tuned])
+        target = torch.from_numpy(scene.future - scene.observation.xy[:, -1:])[agent, step, axis]
+        return torch.cat([slope.flatten(1) for slope in slopes], dim=1), target - said.detach()
+
+    def _split(self, state: Tensor) -> dict[str, Tensor]:
+        """The weights of a state."""
+        found, first = {}, 0
+        for name in self.tuned:
+            shape = self.inner.tensors[name].shape
+            found[name] = state[first : first + shape.numel()].view(shape)
+            first += shape.numel()
+        return found

@@ -1,0 +1,165 @@
+"""Test-time refinement: a forecast is corrected until it looks as if it were of the style of the reference scenes."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym import catalog
+from motion_gym.contract import Forecast, Observation, PredictorError, Truth
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.adapters.around import Around
+from motion_gym.predictors.networks.pair_network import walked
+from motion_gym.predictors.training.objectives import positive
+from motion_gym.predictors.training.style_loss import TEMPERATURE
+from motion_gym.stepping.harness import name_of
+
+
+@runtime_checkable
+class Refinable(Protocol):
+    """What a predictor needs for its forecasts to be refined; S scenes, latents of C values."""
+
+    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
+        """Latent [1, N, C] of the scenes, or of their agents, in the style observed so far; of the first sample."""
+        ...
+
+    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
+        """Displacements of all agents that a latent stands for, in order: [1, A, 24], or as many values."""
+        ...
+
+    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
+        """Style embeddings [1, S, 8] of unit length of observed scenes that go on by such displacements."""
+        ...
+
+    def observe(self, truth: Truth) -> None:
+        """Read the style from reference scenes."""
+        ...
+
+    def reset(self) -> None:
+        """Forget them."""
+        ...
+
+    def whole_scenes(self, truth: Truth) -> Truth | None:
+        """The scenes that a style can be read from; None if there are none."""
+        ...
+
+
+class Refine(Around):
+    """A predictor around one with a style encoder, that refines each of its forecasts (the paper's section 3.3).
+
+    The style embedding of a forecast is drawn towards those of the reference scenes by a few steps of Adam on the
+    latent of each scene: what is minimised is minus the mean scalar product of the two, over the temperature of the
+    style loss. Weights are never touched, and with no reference scenes there is nothing to refine towards.
+
+    Args:
+        of: Name of a predictor with a style encoder, or such a predictor; a copy of it is used.
+        steps: Number of steps, 0 or more.
+        rate: Learning rate.
+        memory: Whole scenes, the last ones, that the style is read from; 0 for all that were observed.
+        weights: Of the predictor, where it is given by name.
+        seed: Of the predictor, where it is given by name.
+
+    Raises:
+        PredictorError: the predictor has no style encoder.
+    """
+
+    kind = "refine"
+    settings = ("steps", "rate", "memory")
+
+    def __init__(
+        self,
+        of: Any = "modular_invariant",
+        steps: int = 3,
+        rate: float = 1e-3,
+        memory: int = 0,
+        weights: str | Path | None = None,
+        seed: int | None = None,
+    ):
+        super().__init__(of, weights, seed)
+        if not isinstance(self.inner, Refinable):
+            raise PredictorError(
+                f"{name_of(self.inner)} has no style encoder, so that there is nothing to refine a "
+                "forecast by: use modular or modular_invariant."
+            )
+        self.steps, self.rate = catalog.whole_number("steps", steps, 0, 10_000), positive("rate", rate)
+        self.memory = catalog.whole_number("memory", memory, 0, 100_000)
+        self._forget()
+
+    def _forget(self) -> None:
+        self.towards, self.scenes = np.zeros(0), 0
+        self.shown: deque[tuple[Any, ...]] = deque(maxlen=self.memory)
+        """What each of the last scenes adds to the style, and to what is refined towards."""
+
+    @property
+    def tune(self) -> Callable[..., None]:
+        """Tune the predictor, and forget what was observed; AttributeError if it cannot be tuned. See ``Transfer``."""
+        tune = self.inner.tune
+
+        def tuned(scenes: Truth, validation: Truth | None = None) -> None:
+            tune(scenes, validation)
+            self.reset()
+
+        return tuned
+
+    def observe(self, truth: Truth) -> None:
+        """Read the style, and the embeddings to refine towards, from scenes whose 20 steps are all known."""
+        if not self.memory:
+            self.inner.observe(truth)
+        whole = self.inner.whole_scenes(truth)
+        if whole is None:
+            return
+        if not self.memory:
+            embedded = self._embedded(whole)
+            self.towards = embedded + self.towards if len(self.towards) else embedded
+            self.scenes += whole.observation.scenes
+            return
+        for scene in range(whole.observation.scenes):
+            one = pick_scenes(whole, [scene])
+            self.inner.reset()
+            self.inner.observe(one)
+            self.shown.append((self.inner.observed, self.inner.scenes, self._embedded(one), 1))
+        sums = [sum(values) for values in zip(*self.shown, strict=True)]
+        self.inner.observed, self.inner.scenes, self.towards, self.scenes = sums
+
+    def _embedded(self, whole: Truth) -> np.ndarray:
+        """Sum [8] of the style embeddings of whole scenes."""
+        path = np.concatenate([whole.observation.xy[:, -1:], whole.future], axis=1)
+        moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float64).reshape(1, -1, 24)
+        with torch.no_grad():
+            return self.inner.embedded(whole.observation, moves)[0].double().sum(dim=0).numpy()
+
+    def reset(self) -> None:
+        """Forget all that was observed."""
+        self.inner.reset()
+        self._forget()
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres: the first sample alone, refined.
+
+        Raises:
+            PredictorError: there are no weights, or the scenes are not such as the predictor takes.
+        """
+        with torch.no_grad():
+            latent = self.inner.latent(observation, seed)
+        if self.scenes:
+            latent = self._refined(observation, latent.clone(), seed)
+        with torch.no_grad():
+            moves = self.inner.from_latent(observation, latent, seed)
+        return walked(observation, moves)
+
+    def _refined(self, observation: Observation, latent: Tensor, seed: int) -> Tensor:
+        goal = torch.tensor(self.towards / self.scenes / TEMPERATURE, dtype=torch.float64)
+        with torch.enable_grad():
+            latent.requires_grad_()
+            adam = torch.optim.Adam([latent], lr=self.rate)
+            for _ in range(self.steps):
+                embedded = self.inner.embedded(observation, self.inner.from_latent(observation, latent, seed))
+                (latent.grad,) = torch.autograd.grad(-(embedded.double() @ goal).sum(), [latent])
+                adam.step()
+        return latent.detach()

@@ -1,0 +1,1 @@
+"""Objectives and trainers that predictors share."""

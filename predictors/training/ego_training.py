@@ -1,0 +1,195 @@
+"""How the ego-frame predictors are trained."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.catalog import whole_number
+from motion_gym.contract import PredictorError, Truth
+from motion_gym.data.windows import digest, pick_scenes
+from motion_gym.predictors.networks import ego_network
+from motion_gym.predictors.networks.ego_features import FREE, Scenes, kept_distances, scenes_of
+from motion_gym.predictors.weighted import Weights, check_complete
+from motion_gym.training.loop import Stage
+
+STYLED = "manoeuvre"
+"""Name of the network with a style."""
+RATE = 2e-3
+SHOWN = 64
+"""Scenes that a style is read from in training."""
+DRAWN = 64
+"""Styles of so many scenes that are drawn from each environment."""
+NOISE = 0.3
+"""Standard deviation of the logarithm of the factor that half of the distances are disturbed by in the correction."""
+AT_ONCE = 2000
+"""Agents of one forward pass of validation."""
+TRUST = 0.05
+"""Weight of observed scenes at which the networks with and without style have an equal say."""
+
+
+def distance_and_trust(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The distance that agents keep, metres, and the share [0, 1) that what follows from it has in a forecast.
+
+    Args:
+        state: [..., 2] sums of ``kept_distances`` over scenes.
+    """
+    weight = state[..., 0]
+    return state[..., 1] / np.maximum(weight, 1e-9), weight / (weight + TRUST)
+
+
+class EgoProgram:
+    """Training of the ego-frame networks on a set of environments.
+
+    Args:
+        train: Windows of each environment.
+        validation: Windows that weights are selected on, of the same environments in the same order.
+        networks: Those to train: ``plain``, and ``manoeuvre`` for a style.
+        epochs: Number of epochs; learning rates fall towards 0.
+        agents: Agents of a step, of all environments together.
+        most: Scenes of each environment that are trained on, the first ones; None for all.
+        device: Where to train.
+        config: What else the result depends on.
+
+    Raises:
+        PredictorError: nothing to train on, or environments in which nobody keeps a distance from anybody.
+    """
+
+    def __init__(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        networks: tuple[str, ...],
+        epochs: int,
+        agents: int,
+        most: int | None,
+        device: torch.device,
+        config: Mapping[str, Any],
+    ):
+        check_complete(train, validation)
+        most = None if most is None else whole_number("most", most, 1, 10**9)
+        train = [pick_scenes(t, slice(0, most)) for t in train]
+        self.networks, self.agents, self.device = networks, whole_number("agents", agents, 1, 10**9), device
+        epochs = whole_number("epochs", epochs, 1, 10**6)
+        parts = [self._staged(truth) for truth in train]
+        self.scenes = Scenes.join([scenes for scenes, _ in parts])
+        self.target = torch.cat([target for _, target in parts])
+        self.environment = torch.repeat_interleave(
+            torch.arange(len(parts), device=device), torch.tensor([len(t) for _, t in parts], device=device)
+        )
+        self.validation = [self._staged(truth) for truth in validation]
+        self.distances, self.seen = torch.zeros(0), np.zeros((len(train), 2))
+        if STYLED in networks:
+            self._read_styles(train)
+        rates = {name: RATE for network in networks for name in (network, ego_network.GAINS[network])}
+        self.stages = [Stage("forecast", epochs, rates, selects=True, decays=True)]
+        self.config = {
+            **config,
+            "agents": agents,
+            "train": [digest(t) for t in train],
+            "validation": [digest(v) for v in validation],
+        }
+
+    def _staged(self, truth: Truth) -> tuple[Scenes, Tensor]:
+        """Scenes, and the offsets that came true [A, 24]."""
+        scenes, frame = scenes_of(truth.observation)
+        target = torch.tensor(frame.into(truth.future.astype(np.float64)), dtype=torch.float32)
+        return Scenes(*(value.to(self.device) for value in vars(scenes).values())), target.to(self.device)
+
+    def _read_styles(self, train: Sequence[Truth]) -> None:
+        """Distances [E, D] that are read from draws of scenes of each environment."""
+        rng = np.random.default_rng(len(train))
+        drawn = np.zeros((len(train), DRAWN, 2))
+        for number, truth in enumerate(train):
+            evidence = kept_distances(truth)
+            for draw in range(DRAWN):
+                drawn[number, draw] = evidence[rng.choice(len(evidence), min(SHOWN, len(evidence)), replace=False)].sum(
+                    0
+                )
+        if (drawn[..., 0] < TRUST).any():
+            raise PredictorError(
+                "In some training environment nobody keeps a distance from anybody, so that there is no style to read: "
+                "train `ego_erm`."
+            )
+        self.seen = drawn[:, 0]
+        self.distances = torch.tensor(distance_and_trust(drawn)[0], dtype=torch.float32, device=self.device)
+
+    def finished(self, weights: Weights) -> Weights:
+        """The weights as they are."""
+        return weights
+
+    def initial(self, seeds: Sequence[int]) -> Weights:
+        """First weights of each seed."""
+        inputs = {
+            "plain": torch.cat([self.scenes.before, self.scenes.during], dim=-1).cpu(),
+            "manoeuvre": self.scenes.before.cpu(),
+        }
+        each = [ego_network.initial(self.networks, inputs, seed) for seed in seeds]
+        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
+
+    def state(self, models: int) -> Tensor:
+        """No state."""
+        return torch.zeros(0)
+
+    def losses(
+        self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
+    ) -> Iterator[Tensor]:
+        """Losses [M] of the steps of an epoch, in an order of each model's own; metres."""
+        total = len(self.target)
+        order = torch.stack([torch.randperm(total, generator=g, device=self.device) for g in generators])
+        size = min(self.agents, total)
+        for first in range(0, total - size + 1, size):
+            index = order[:, first : first + size]
+            scenes, target = self.scenes.take(index), self.target[index]
+            loss = ego_network.distance_error(ego_network.without_style(scenes, weights), target)
+            if STYLED in self.networks:
+                loss = loss + self._styled_loss(scenes, target, self.environment[index], weights, generators)
+            yield loss
+
+    def _styled_loss(
+        self,
+        scenes: Scenes,
+        target: Tensor,
+        environment: Tensor,
+        weights: Weights,
+        generators: Sequence[torch.Generator],
+    ) -> Tensor:
+        """Of the manoeuvre at the distances read, and of the correction at distances that may be wrong."""
+
+        def normal() -> Tensor:
+            return torch.stack([torch.randn(environment.shape[1], generator=g, device=g.device) for g in generators])
+
+        draw = torch.stack(
+            [torch.randint(DRAWN, environment.shape[1:], generator=g, device=g.device) for g in generators]
+        )
+        distance = self.distances[environment, draw]
+        whole = torch.cat([scenes.deviation[..., 2 * FREE :], target], dim=-1)
+        offsets, _ = ego_network.in_style(scenes, distance, weights)
+        wrong = distance * torch.exp(NOISE * normal() * (normal() < 0))
+        _, corrected = ego_network.in_style(scenes, wrong, weights)
+        return ego_network.distance_error(offsets, whole) + ego_network.distance_error(corrected, target)
+
+    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
+        """ADE [M], metres, mean over the agent-windows of all environments; styles are those of 64 training scenes."""
+        total, count, models = torch.zeros(len(generators), device=self.device), 0, len(generators)
+        for seen, (scenes, target) in zip(self.seen, self.validation, strict=True):
+            for first in range(0, len(target), AT_ONCE):
+                part = slice(first, first + AT_ONCE)
+                offsets = forecast(scenes.take(part).for_models(models), seen, weights)
+                total += ego_network.distance_error(offsets, target[part]) * len(target[part])
+            count += len(target)
+        return total / count
+
+
+def forecast(scenes: Scenes, state: np.ndarray, weights: Weights) -> Tensor:
+    """Offsets [M, A, 24] for scenes [M, A, ...], given the sums [2] of what was seen of the style."""
+    plain = ego_network.without_style(scenes, weights)
+    if f"{STYLED}.bias1" not in weights:
+        return plain
+    distance, trust = (float(value) for value in distance_and_trust(state))
+    reach = torch.full(scenes.miss.shape[:2], distance, device=scenes.miss.device)
+    return trust * ego_network.in_style(scenes, reach, weights)[1] + (1 - trust) * plain

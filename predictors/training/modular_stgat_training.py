@@ -1,0 +1,187 @@
+"""How STGAT with a style is trained: the stages of STGAT, then those of the style as for the two-agent network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.contract import FUTURE, PredictorError, SpecError, Truth
+from motion_gym.predictors.networks import pair_network, stgat_style
+from motion_gym.predictors.networks.neighbour_pairs import NeighbourPairs, whole_paths
+from motion_gym.predictors.networks.stgat_network import Draws
+from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
+from motion_gym.predictors.training.stgat_training import Inputs, Schedule, StgatProgram
+from motion_gym.predictors.training.style_loss import style_loss
+from motion_gym.predictors.weighted import Weights
+from motion_gym.training.loop import Stage
+
+SHOWN = 64
+"""Training scenes of an environment that validation reads its style from."""
+STAGES: tuple[tuple[str, Mapping[str, float]], ...] = (
+    ("style", {"style": 1e-3, "head": 1e-2}),
+    ("modulator", {"modulator": 1e-3}),
+    ("forecast in style", {"decoder": 1e-3, "stage3": 1e-3, "modulator": 1e-3, "style": 5e-4, "head": 1e-2}),
+)
+"""Stages after those of STGAT, and learning rates of Adam; the encoders of the scene stay as they are."""
+
+
+class Paths:
+    """Relative paths of the pairs of neighbours of an environment, by scene.
+
+    Args:
+        truth: The environment.
+    """
+
+    def __init__(self, truth: Truth):
+        pairs = NeighbourPairs.of(truth)
+        self.paths = pairs.paths(whole_paths(truth))
+        self.count = np.bincount(pairs.scene, minlength=truth.observation.scenes)
+        self.first = np.cumsum(self.count) - self.count
+
+    def of(self, scenes: np.ndarray) -> tuple[Tensor, np.ndarray]:
+        """Paths [P, 40] of some scenes, and which of these scenes [P] each belongs to."""
+        count = self.count[scenes]
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        return self.paths[np.repeat(self.first[scenes], count) + within], np.repeat(np.arange(len(scenes)), count)
+
+
+class StyledStgatProgram(StgatProgram):
+    """Training of STGAT with a style on a set of environments.
+
+    Args:
+        train: Windows of each environment.
+        validation: Windows that weights are selected on, of the same environments in the same order.
+        features: Values per observed step.
+        inputs: Turns an Observation into the network's input [8, A, F].
+        objective: What is minimised in the stages of STGAT; after them, the sum of all errors is.
+        epochs: Of the six stages.
+        scenes: Scenes of a step, an equal part from each environment.
+        device: Where to train.
+        config: What else the result depends on.
+
+    Raises:
+        PredictorError: nothing to train on, one environment alone, or one without neighbours.
+    """
+
+    def __init__(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        features: int,
+        inputs: Inputs,
+        objective: Objective,
+        epochs: tuple[int, ...],
+        scenes: int,
+        device: torch.device,
+        config: Mapping[str, Any],
+    ):
+        schedule = Schedule(epochs[:3], scenes, joint=True)  # type: ignore[arg-type]
+        super().__init__(train, validation, features, inputs, objective, False, schedule, device, config)
+        if len(self.train) < 2 or len(self.train) != len(validation):
+            raise PredictorError(
+                "The style loss compares environments: give at least two to train on, one Truth for each, and the same "
+                f"ones to validate on ({len(self.train)} and {len(validation)} were given), or train `erm_no_sigma`."
+            )
+        if scenes < 2 * len(self.train):
+            raise SpecError(
+                f"`scenes={scenes}` of a step must be two or more of each of {len(self.train)} environments."
+            )
+        self.pairs = [Paths(truth) for truth in self.train]
+        for number, pairs in enumerate(self.pairs):
+            if (pairs.count > 0).sum() < 2:
+                raise PredictorError(
+                    f"Environment {number} of the training set has no scenes of two agents or more who are known over "
+                    "all 20 steps, so that it shows no style: give others, or train `erm_no_sigma`."
+                )
+        self.dt = self.train[0].observation.dt
+        self.by_environment = [self._validation(truth) for truth in validation]
+        self.stages = [Stage(stage.name, stage.epochs, stage.rates) for stage in self.stages] + [
+            Stage(name, count, rates, selects=number == 5)
+            for number, (count, (name, rates)) in enumerate(zip(epochs[3:], STAGES, strict=True), 3)
+        ]
+        self.config["epochs_before"] = list(epochs[:-1])
+
+    def initial(self, seeds: Sequence[int]) -> Weights:
+        """First weights of each seed."""
+        each = [stgat_style.initial(self.features, seed) for seed in seeds]
+        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
+
+    def finished(self, weights: Weights) -> Weights:
+        """Weights with the prior of the style, each environment counting the same, and the length of a step."""
+        dt = torch.full((len(weights["style.bias1"]), 1), self.dt)
+        with torch.no_grad():
+            means = [self._mean_code(number, None, weights) for number in range(len(self.train))]
+        return {**weights, "prior.code": torch.stack(means).mean(dim=0)[:, 0], "prior.dt": dt}
+
+    def losses(
+        self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
+    ) -> Iterator[Tensor]:
+        """Losses [M] of the steps of an epoch."""
+        if stage < 3:
+            yield from super().losses(weights, state, stage, generators, epoch)
+            return
+        for parts in self._shuffled(epoch):
+            environment = torch.arange(len(parts)).repeat_interleave(torch.tensor([len(s) for _, s in parts]))
+            codes, there = self._codes(parts, weights)
+            environment = environment.to(self.device)
+            loss = torch.zeros(len(codes), device=self.device)
+            if stage != 4:
+                loss = self._style_loss(codes, environment, there, weights)
+            if stage > 3:
+                batch = self._batch(parts)
+                total = codes.new_zeros(len(codes), len(parts), codes.shape[2]).index_add(1, environment, codes)
+                count = torch.bincount(environment[there], minlength=len(parts)).clamp(min=1)
+                style = (total / count[:, None])[:, batch.environment]
+                draws = Draws.from_generators(generators, batch.layout)
+                made = stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
+                weight = batch.known * (batch.share / FUTURE)
+                scene = batch.layout.scene
+                risks = risks_of(made, batch.moves, weight, scene, batch.environment, batch.count)
+                loss = loss + Erm()(risks, state)
+            yield loss
+
+    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
+        """ADE [M], metres, of the first forecast in the style of 64 training scenes, mean over all agent-windows."""
+        total, count = torch.zeros(len(generators), device=self.device), torch.zeros((), device=self.device)
+        for number, batches in enumerate(self.by_environment):
+            style = self._mean_code(number, SHOWN, weights)
+            for batch in batches:
+                draws = Draws.from_generators(generators, batch.layout)
+                moves = stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
+                errors, known = batch.errors(moves)
+                total += errors
+                count += known
+        return total / count
+
+    def _mean_code(self, number: int, most: int | None, weights: Weights) -> Tensor:
+        """Mean code [M, 1, 8] of the first scenes of an environment."""
+        shows = np.flatnonzero(self.pairs[number].count)[:most]
+        codes, _ = self._codes([(number, shows)], weights)
+        return codes.mean(dim=1, keepdim=True)
+
+    @staticmethod
+    def _style_loss(codes: Tensor, environment: Tensor, there: Tensor, weights: Weights) -> Tensor:
+        """Style loss [M] of the scenes that show a style, of environments with two or more of them; 0 for one alone."""
+        shown = torch.bincount(environment[there], minlength=len(environment)) > 1
+        there = there & shown[environment]
+        if shown.sum() < 2:
+            return codes.sum(dim=(1, 2)) * 0
+        return style_loss(pair_network.embed(codes[:, there], weights), environment[there])
+
+    def _codes(self, parts: Sequence[tuple[int, np.ndarray]], weights: Weights) -> tuple[Tensor, Tensor]:
+        """Codes [M, S, 8] of the scenes of a step, and which of them have pairs [S]."""
+        paths, owners, before = [], [], 0
+        for number, scenes in parts:
+            found, owner = self.pairs[number].of(scenes)
+            paths.append(found)
+            owners.append(owner + before)
+            before += len(scenes)
+        scene = torch.from_numpy(np.concatenate(owners))
+        there = torch.bincount(scene, minlength=before) > 0
+        device = weights["style.bias1"].device
+        codes = stgat_style.scene_codes(torch.cat(paths).to(device), scene.to(device), before, weights)
+        return codes, there.to(device)

@@ -1,0 +1,245 @@
+"""How STGAT is trained: windows as tensors, cut into steps, and the three stages of the released program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.catalog import whole_number
+from motion_gym.contract import FUTURE, HISTORY, Observation, PredictorError, SpecError, Truth
+from motion_gym.data.windows import digest, pick_scenes, stack
+from motion_gym.predictors.networks.graph_attention import Layout
+from motion_gym.predictors.networks.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
+from motion_gym.predictors.training.objectives import Objective, risks_of
+from motion_gym.training.loop import Stage
+
+Inputs = Callable[[Observation], np.ndarray]
+"""Turns an Observation into the network's input [8, A, F]."""
+
+VALIDATED_AT_ONCE = 256
+"""Scenes of one forward pass of validation."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Scenes of one step, as tensors.
+
+    Attributes:
+        steps: [8, A, F] input of the network.
+        moves: [12, A, 2] true displacements of the future.
+        known: [12, A] float32, 1 where the displacement is known.
+        layout: The scenes.
+        share: [A] 1 / agents of the scene.
+        environment: [A] int64 environment of each agent, numbered within the batch.
+        count: [E] scenes of each environment.
+    """
+
+    steps: Tensor
+    moves: Tensor
+    known: Tensor
+    layout: Layout
+    share: Tensor
+    environment: Tensor
+    count: Tensor
+
+    @classmethod
+    def of(cls, parts: Sequence[Truth], inputs: Inputs, device: torch.device) -> Batch:
+        """Scenes of one environment each."""
+        truth = stack(parts)
+        observation = truth.observation
+        path = np.concatenate([observation.xy[:, -1:], truth.future], axis=1).astype(np.float64)
+        before = np.concatenate([np.ones((len(observation), 1), bool), truth.known[:, :-1]], axis=1)
+        sizes = np.diff(observation.scene)
+        scenes = [part.observation.scenes for part in parts]
+        arrays = (
+            inputs(observation),
+            np.diff(path, axis=1).round(4).transpose(1, 0, 2),
+            (truth.known & before).T,
+            np.repeat(1 / sizes, sizes),
+            np.repeat(np.arange(len(parts)), [len(part.observation) for part in parts]),
+            np.array(scenes),
+        )
+        kinds = (torch.float32, torch.float32, torch.float32, torch.float32, torch.int64, torch.float32)
+        steps, moves, known, share, environment, count = (
+            torch.as_tensor(np.ascontiguousarray(a), dtype=kind, device=device)
+            for a, kind in zip(arrays, kinds, strict=True)
+        )
+        return cls(steps, moves, known, Layout.of(observation.scene, device), share, environment, count)
+
+    def errors(self, moves: Tensor) -> tuple[Tensor, Tensor]:
+        """Sum [M] of the ADE of agents with a known step, metres, of displacements [12, M, A, 2]; and their number."""
+        off = (moves - self.moves[:, None]).cumsum(dim=0).norm(dim=-1) * self.known[:, None]
+        known = self.known.sum(dim=0)
+        return (off / known.clamp(min=1)).sum(dim=(0, 2)), (known > 0).sum()
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The three stages.
+
+    Attributes:
+        epochs: Of stage 1 (reconstruction from the trajectory LSTM), 2 (from both LSTMs) and 3 (forecast).
+        scenes: Scenes of a step; where a step holds several environments, an equal part from each.
+        joint: Every step holds scenes of each environment, shuffled; an epoch has as many steps as all scenes together
+            would fill, so that smaller environments are seen more than once. Else a step is of one environment, one
+            comes after the other, nothing is shuffled, and an epoch sees every scene once, as in the released program.
+    """
+
+    epochs: tuple[int, int, int] = (150, 100, 150)
+    scenes: int = 64
+    joint: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise SpecError for values that make no training."""
+        if not isinstance(self.epochs, tuple) or len(self.epochs) != 3 or self.epochs[2] == 0:
+            raise SpecError(f"`epochs={self.epochs}` must be three numbers, with at least one epoch in the last stage.")
+        for epochs in self.epochs:
+            whole_number("epochs", epochs, 0, 1_000_000)
+        whole_number("scenes", self.scenes, 1, 1_000_000)
+
+
+class StgatProgram:
+    """Training of STGAT on a set of environments.
+
+    Args:
+        train: Windows of each environment.
+        validation: Windows that weights are selected on: by the ADE of their first forecast, metres.
+        features: Values per observed step.
+        inputs: Turns an Observation into the network's input [8, A, F].
+        objective: What is minimised.
+        counterfactual: Whether the decoder is the counterfactual one.
+        schedule: Stages and steps.
+        device: Where to train.
+        config: What else the result depends on.
+
+    Raises:
+        PredictorError: nothing to train on, or one environment for an objective that compares several.
+    """
+
+    def __init__(
+        self,
+        train: Sequence[Truth],
+        validation: Sequence[Truth],
+        features: int,
+        inputs: Inputs,
+        objective: Objective,
+        counterfactual: bool,
+        schedule: Schedule,
+        device: torch.device,
+        config: Mapping[str, Any],
+    ):
+        for name, truths in (("training", train), ("validation", validation)):
+            if not sum(truth.observation.scenes for truth in truths):
+                raise PredictorError(f"The {name} set is empty: it needs at least one window.")
+        train = [truth for truth in train if truth.observation.scenes]
+        if len(train) < 2 and objective.compares:
+            raise PredictorError(
+                f"The objective {type(objective).__name__} compares environments, and the training set has one alone: "
+                "give at least two, one Truth for each, or train `erm`."
+            )
+        self.train, self.inputs, self.objective, self.device = train, inputs, objective, device
+        self.features, self.counterfactual, self.schedule = features, counterfactual, schedule
+        self.joint = schedule.joint or objective.joint
+        self.validation = self._validation(stack([v for v in validation if v.observation.scenes]))
+        self.staged: list[Batch] = []
+        encoders = {"trajectory": 1e-2, "graph": 1e-2, "attention1": 3e-2, "attention2": 3e-2, "": 1e-3}
+        names = ("reconstruction", "graph reconstruction", "forecast")
+        rates: tuple[dict[str, float], ...] = (encoders, encoders, {"": 5e-3})
+        self.stages = [
+            Stage(name, epochs, rate, selects=name == "forecast")
+            for name, epochs, rate in zip(names, schedule.epochs, rates, strict=True)
+        ]
+        self.config = {
+            **config,
+            "features": features,
+            "counterfactual": counterfactual,
+            # Not those of the last stage: a training can be resumed to go on for longer.
+            "epochs_before": list(schedule.epochs[:-1]),
+            "scenes": schedule.scenes,
+            "joint": self.joint,
+            "train": [digest(t) for t in train],
+            "validation": [digest(v) for v in validation],
+        }
+
+    def finished(self, weights: Weights) -> Weights:
+        """The weights as they are."""
+        return weights
+
+    def initial(self, seeds: Sequence[int]) -> Weights:
+        """First weights of each seed."""
+        each = [initial(self.features, seed) for seed in seeds]
+        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
+
+    def state(self, models: int) -> Tensor:
+        """State of the objective."""
+        return self.objective.start(len(self.train), models, self.device)
+
+    def losses(
+        self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
+    ) -> Iterator[Tensor]:
+        """Losses [M] of the steps of an epoch."""
+        for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self._in_turn():
+            draws = Draws.from_generators(generators, batch.layout)
+            if stage == 2:
+                made = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
+                target, weight = batch.moves, batch.known * (batch.share / FUTURE)
+            else:
+                target = batch.steps[..., :2]
+                weight = (batch.share / HISTORY).expand(HISTORY, -1)
+                made = stage1(batch.steps, draws, weights)
+                if stage == 1:
+                    made = stage2(batch.steps, draws, batch.layout, weights)
+            risks = risks_of(made, target, weight, batch.layout.scene, batch.environment, batch.count)
+            yield self.objective(risks, state)
+
+    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
+        """ADE [M] of the first forecast, metres, mean over the agent-windows of all environments."""
+        total = torch.zeros(len(generators), device=self.device)
+        count = torch.zeros((), device=self.device)
+        for batch in self.validation:
+            draws = Draws.from_generators(generators, batch.layout)
+            moves = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
+            errors, known = batch.errors(moves)
+            total += errors
+            count += known
+        return total / count
+
+    def _in_turn(self) -> list[Batch]:
+        """Steps of every epoch, each of one environment; made once."""
+        if not self.staged:
+            size = self.schedule.scenes
+            for number, truth in enumerate(self.train):
+                total = truth.observation.scenes
+                for first in range(0, total, size):
+                    self.staged.append(self._batch([(number, np.arange(first, min(first + size, total)))]))
+        return self.staged
+
+    def _shuffled(self, epoch: int) -> Iterator[list[tuple[int, np.ndarray]]]:
+        """Scenes of each environment for each step of an epoch; the order depends on the epoch alone."""
+        sizes = [truth.observation.scenes for truth in self.train]
+        each = max(self.schedule.scenes // len(sizes), 1)
+        steps = -(-sum(sizes) // self.schedule.scenes)
+        rng = np.random.default_rng([epoch, len(sizes)])
+        orders = []
+        for size in sizes:
+            rounds = -(-steps * each // size)
+            orders.append(np.concatenate([rng.permutation(size) for _ in range(rounds)]))
+        for step in range(steps):
+            part = slice(step * each, (step + 1) * each)
+            yield [(number, order[part]) for number, order in enumerate(orders)]
+
+    def _batch(self, parts: Sequence[tuple[int, np.ndarray]]) -> Batch:
+        truths = [pick_scenes(self.train[number], scenes) for number, scenes in parts]
+        return Batch.of(truths, self.inputs, self.device)
+
+    def _validation(self, truth: Truth) -> list[Batch]:
+        found = []
+        for first in range(0, truth.observation.scenes, VALIDATED_AT_ONCE):
+            part = pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))
+            found.append(Batch.of([part], self.inputs, self.device))
+        return found

@@ -1,0 +1,386 @@
+"""Metrics against slow references in plain Python, symmetries of the plane, and the errors people meet."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.stats import gaussian_kde
+
+from motion_gym.contract import DataError, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.metrics import errors as metrics
+
+pytestmark = pytest.mark.filterwarnings("error")
+fast = settings(max_examples=60, deadline=None)
+
+
+def make(sizes, samples=5, seed=0, weighted=False, all_known=False, spread=1.0):
+    """A forecast and a truth of scenes with the given sizes, close enough together for collisions."""
+    rng = np.random.default_rng(seed)
+    scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    agents = int(scene[-1])
+    start = rng.uniform(0, 3, (agents, 1, 2))
+    future = (start + rng.normal(0, 0.3, (agents, 12, 2)).cumsum(1)).astype(np.float32)
+    noise = spread * rng.normal(0, 0.3, (agents, samples, 12, 2)).cumsum(2)
+    known = np.ones((agents, 12), bool) if all_known else rng.random((agents, 12)) < rng.random((agents, 1)) * 1.3
+    observation = Observation(np.zeros((agents, 8, 2), np.float32), scene, rng.permutation(agents), 0.4)
+    truth = Truth(np.where(known[..., None], future, 0).astype(np.float32), known, observation)
+    weights = rng.random((agents, samples)).astype(np.float32) if weighted else None
+    return Forecast((future[:, None] + noise).astype(np.float32), weights), truth
+
+
+@st.composite
+def cases(draw, weighted=None, all_known=None, agents=7):
+    sizes = draw(st.lists(st.integers(0, agents), max_size=5))
+    return make(
+        sizes,
+        draw(st.integers(1, 6)),
+        draw(st.integers(0, 2**32 - 1)),
+        draw(st.booleans()) if weighted is None else weighted,
+        draw(st.booleans()) if all_known is None else all_known,
+        draw(st.sampled_from([0.3, 1.0, 4.0])),
+    )
+
+
+def plain_ade(track, truth, agent):
+    errors = [math.dist(track[t], truth.future[agent, t]) for t in range(12) if truth.known[agent, t]]
+    return sum(errors) / len(errors) if errors else math.nan
+
+
+def plain_fde(track, truth, agent):
+    return math.dist(track[11], truth.future[agent, 11]) if truth.known[agent, 11] else math.nan
+
+
+def plain_scores(forecast, truth, k):
+    """Every metric but KDE-NLL, one agent and one sample after the other."""
+    positions, scene, agents = (
+        forecast.positions.astype(float),
+        truth.observation.scene,
+        len(forecast.positions),
+    )
+    weights = forecast.weights if forecast.weights is not None else np.ones(positions.shape[:2])
+    best = [max(range(len(w)), key=lambda i: (w[i], -i)) for w in weights]
+    likely = [positions[a, best[a]] for a in range(agents)]
+    number = min(k, positions.shape[1])
+    out = {name: [math.nan] * agents for name in (f"JADE_{k}", f"JFDE_{k}")}
+    out["ADE"] = [plain_ade(likely[a], truth, a) for a in range(agents)]
+    out["FDE"] = [plain_fde(likely[a], truth, a) for a in range(agents)]
+    out["MR_2m"] = [math.nan if math.isnan(e) else float(e > 2) for e in out["FDE"]]
+    for name, error in (("ADE", plain_ade), ("FDE", plain_fde)):
+        table = [[error(positions[a, i], truth, a) for i in range(number)] for a in range(agents)]
+        out[f"min{name}_{k}"] = [min(row) for row in table]
+        for first, last in pairwise(scene):
+            there = [a for a in range(first, last) if not math.isnan(table[a][0])]
+            total = [sum(table[a][i] for a in there) for i in range(number)]
+            for a in there:
+                out[f"J{name}_{k}"][a] = table[a][total.index(min(total))]
+    out[f"MR_2m_{k}"] = [math.nan if math.isnan(e) else float(e > 2) for e in out[f"minFDE_{k}"]]
+    hit = [0.0] * agents
+    for first, last in pairwise(scene):
+        for a in range(first, last):
+            for b in range(first, last):
+                if a != b and any(math.dist(likely[a][t], likely[b][t]) < 0.2 for t in range(12)):
+                    hit[a] = 1.0
+    out["collision_0.2m"] = hit
+    return out
+
+
+@fast
+@given(cases(), st.integers(2, 6))
+def test_equal_to_plain_python(case, k):
+    forecast, truth = case
+    k = min(k, forecast.positions.shape[1]) if forecast.positions.shape[1] > 1 else k
+    scores = metrics.score(forecast, truth, k)
+    expected = plain_scores(forecast, truth, k)
+    assert set(scores) == {*expected, "KDE_NLL"}
+    for name, values in expected.items():
+        np.testing.assert_allclose(scores[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+        assert scores[name].dtype == np.float64
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_kde_nll_is_scipys(weighted):
+    forecast, truth = make([3, 4], samples=20, seed=1, weighted=weighted)
+    expected = []
+    for a in range(7):
+        losses = []
+        for t in np.flatnonzero(truth.known[a]):
+            weights = forecast.weights[a] if weighted else None
+            kernels = gaussian_kde(forecast.positions[a, :, t].T.astype(float), weights=weights)
+            losses.append(min(20.0, -kernels.logpdf(truth.future[a, t].astype(float))[0]))
+        expected.append(np.mean(losses) if losses else np.nan)
+    np.testing.assert_allclose(metrics.kde_nll(forecast, truth, 20), expected, rtol=1e-6)
+    assert np.isfinite(expected).sum() >= 5
+
+
+def test_kde_nll_uses_the_first_k_samples():
+    forecast, truth = make([4], samples=9, all_known=True)
+    first = Forecast(forecast.positions[:, :5])
+    np.testing.assert_array_equal(metrics.kde_nll(forecast, truth, 5), metrics.kde_nll(first, truth, 5))
+    assert (metrics.kde_nll(forecast, truth, 5) != metrics.kde_nll(forecast, truth, 9)).all()
+
+
+def test_kde_nll_of_samples_on_a_line_is_finite_and_of_one_point_is_nan():
+    forecast, truth = make([2], samples=6, all_known=True)
+    forecast.positions[0, ..., 1] = truth.future[0, None, :, 1]
+    forecast.positions[1] = forecast.positions[1, :1]
+    line, point = metrics.kde_nll(forecast, truth, 6)
+    assert -10 < line < 20
+    assert np.isnan(point)
+
+
+def test_kde_nll_kernels_are_never_narrower_than_a_centimetre():
+    forecast, truth = make([1], samples=20, all_known=True, spread=0)
+    forecast.positions[0, :, 0] += np.linspace(-1e-4, 1e-4, 20, dtype=np.float32)[:, None]
+    np.testing.assert_allclose(metrics.kde_nll(forecast, truth, 20), math.log(2 * math.pi * 1e-4), atol=1e-3)
+
+
+def test_kde_nll_of_a_lost_agent_is_20():
+    forecast, truth = make([2], samples=6, all_known=True)
+    forecast.positions[:] += 1e6
+    np.testing.assert_array_equal(metrics.kde_nll(forecast, truth, 6), [20, 20])
+
+
+@pytest.mark.parametrize("weights", [[0, 0, 0, 0, 1], [0, 0, 0, 1, 1], [0, 0, 0, 0, 0]])
+def test_kde_nll_needs_three_samples_of_some_weight(weights):
+    forecast, truth = make([2], all_known=True)
+    weighted = Forecast(forecast.positions, np.array([weights, [1, 1, 1, 0, 0]], np.float32))
+    assert np.isnan(metrics.kde_nll(weighted, truth, 5)).tolist() == [True, False]
+    assert np.isnan(metrics.kde_nll(forecast, truth, 2)).all()
+
+
+@fast
+@given(cases(weighted=False), st.data())
+def test_order_of_the_metrics(case, data):
+    forecast, truth = case
+    k = data.draw(st.integers(1, forecast.positions.shape[1]))
+    for one, least, joint in (
+        (metrics.ade, metrics.min_ade, metrics.joint_ade),
+        (metrics.fde, metrics.min_fde, metrics.joint_fde),
+    ):
+        there = ~np.isnan(one(forecast, truth))
+        single, best, scene = (
+            values[there] for values in (one(forecast, truth), least(forecast, truth, k), joint(forecast, truth, k))
+        )
+        assert (best <= single).all()
+        assert (best <= scene).all()
+        index = truth.observation.scene_index[there]
+        sums = [np.bincount(index, values) for values in (scene, single)]
+        assert (sums[0] <= sums[1] + 1e-9).all()
+        if k > 1:
+            assert (best <= least(forecast, truth, k - 1)[there]).all()
+            before = np.bincount(index, joint(forecast, truth, k - 1)[there])
+            assert (sums[0] <= before + 1e-9).all()
+        np.testing.assert_array_equal(joint(forecast, truth, 1), one(forecast, truth))
+
+
+@fast
+@given(cases(), st.floats(-math.pi, math.pi), st.tuples(st.floats(-50, 50), st.floats(-50, 50)))
+def test_invariant_under_rotation_and_translation(case, angle, shift):
+    forecast, truth = case
+    k = forecast.positions.shape[1]
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    moved_forecast = Forecast(forecast.positions @ turn.T + shift, forecast.weights)
+    moved_truth = Truth(truth.future @ turn.T + shift, truth.known, truth.observation)
+    before, after = metrics.score(forecast, truth, k), metrics.score(moved_forecast, moved_truth, k)
+    for name in before:
+        np.testing.assert_allclose(after[name], before[name], rtol=1e-6, atol=1e-6, err_msg=name)
+
+
+@fast
+@given(cases(), st.integers(0, 2**32 - 1))
+def test_scenes_and_their_agents_may_come_in_any_order(case, seed):
+    forecast, truth = case
+    k, scene, rng = forecast.positions.shape[1], truth.observation.scene, np.random.default_rng(seed)
+    scenes = [rng.permutation(np.arange(a, b)) for a, b in pairwise(scene)]
+    scenes = [scenes[i] for i in rng.permutation(len(scenes))]
+    order = np.concatenate([np.empty(0, int), *scenes])
+    observation = Observation(
+        truth.observation.history[order],
+        np.concatenate([[0], np.cumsum([len(s) for s in scenes])]).astype(np.int64),
+        truth.observation.agent[order],
+        0.4,
+    )
+    weights = None if forecast.weights is None else forecast.weights[order]
+    shuffled = Forecast(forecast.positions[order], weights)
+    before = metrics.score(forecast, truth, k)
+    after = metrics.score(shuffled, Truth(truth.future[order], truth.known[order], observation), k)
+    for name in before:
+        np.testing.assert_allclose(after[name], before[name][order], rtol=1e-12, err_msg=name)
+
+
+@fast
+@given(cases())
+def test_what_is_not_known_is_never_read(case):
+    forecast, truth = case
+    k = forecast.positions.shape[1]
+    for junk in (np.nan, 1e6):
+        future = np.where(truth.known[..., None], truth.future, np.float32(junk))
+        other = metrics.score(forecast, Truth(future, truth.known, truth.observation), k)
+        for name, values in metrics.score(forecast, truth, k).items():
+            np.testing.assert_array_equal(other[name], values, err_msg=name)
+
+
+def test_nan_exactly_where_nothing_can_be_measured():
+    forecast, truth = make([3], all_known=True)
+    truth.known[0] = False
+    truth.known[1, 11] = False
+    scores = metrics.score(forecast, truth, 5)
+    for name, values in scores.items():
+        forecasts_alone = name == "collision_0.2m"
+        expected = [not forecasts_alone, not forecasts_alone and ("FDE" in name or "MR" in name), False]
+        assert np.isnan(values).tolist() == expected, name
+
+
+def test_the_most_likely_sample_is_scored():
+    forecast, truth = make([2], samples=3, all_known=True)
+    forecast.positions[0, 2], forecast.positions[1, 1] = truth.future[0], truth.future[1]
+    weighted = Forecast(forecast.positions, np.array([[1, 2, 9], [1, 2, 1]], np.float32))
+    assert (metrics.ade(weighted, truth) == 0).all()
+    assert (metrics.ade(forecast, truth) > 0).all()
+
+
+def test_joint_sample_is_shared_by_a_scene_and_only_by_it():
+    _, truth = make([2, 1], all_known=True)
+    offset = np.array([[0, 3], [2, 0], [5, 1]], np.float32)
+    positions = truth.future[:, None] + offset[:, :, None, None] * np.array([1, 0], np.float32)
+    assert metrics.joint_ade(Forecast(positions), truth, 2) == pytest.approx([0, 2, 1], abs=1e-5)
+    assert metrics.min_ade(Forecast(positions), truth, 2) == pytest.approx([0, 0, 1], abs=1e-5)
+
+
+def test_ade_and_fde_choose_their_joint_sample_apart():
+    _, truth = make([1], samples=2, all_known=True)
+    positions = np.repeat(truth.future[:, None], 2, axis=1)
+    positions[0, 0, :11, 0] += 2
+    positions[0, 1, 11, 0] += 3
+    forecast = Forecast(positions)
+    assert metrics.joint_ade(forecast, truth, 2) == pytest.approx([0.25], abs=1e-5)
+    assert metrics.joint_fde(forecast, truth, 2) == pytest.approx([0], abs=1e-5)
+
+
+@pytest.mark.parametrize(("gap", "expected"), [(0.19, 1), (0.21, 0)])
+def test_collision_is_closer_than_20_centimetres_in_the_same_scene(gap, expected):
+    _, truth = make([2, 1, 1], all_known=True)
+    positions = np.zeros((4, 1, 12, 2), np.float32)
+    positions[:2, 0, :, 0] = [[0], [9]]
+    positions[1, 0, 7, 0] = gap
+    positions[2:] = 100
+    assert metrics.collision_rate(Forecast(positions), truth).tolist() == [expected, expected, 0, 0]
+
+
+def test_collision_does_not_depend_on_how_many_pairs_fit_in_memory(monkeypatch):
+    forecast, truth = make([9, 0, 30, 1, 17], seed=3)
+    whole = metrics.collision_rate(forecast, truth)
+    monkeypatch.setattr(metrics, "PAIRS_AT_ONCE", 7)
+    np.testing.assert_array_equal(metrics.collision_rate(forecast, truth), whole)
+    assert 0 < whole.sum() < len(whole)
+
+
+def test_error_by_horizon_averages_to_ade_and_ends_with_fde():
+    forecast, truth = make([4, 3], seed=2, all_known=True)
+    errors = metrics.error_by_horizon(forecast, truth)
+    assert errors.shape == (7, 12)
+    np.testing.assert_allclose(errors.mean(axis=1), metrics.ade(forecast, truth))
+    truth.known[2, 5] = False
+    assert np.argwhere(np.isnan(metrics.error_by_horizon(forecast, truth))).tolist() == [[2, 5]]
+
+
+@pytest.mark.parametrize("sizes", [[], [0], [0, 0]])
+def test_no_agents(sizes):
+    forecast, truth = make(sizes, samples=4)
+    for k in (1, 4):
+        assert all(values.shape == (0,) for values in metrics.score(forecast, truth, k).values())
+    assert metrics.error_by_horizon(forecast, truth).shape == (0, 12)
+
+
+def test_one_sample_stands_for_any_k():
+    forecast, truth = make([3, 2], samples=1)
+    scores = metrics.score(forecast, truth, 20)
+    for name in ("minADE_20", "JADE_20"):
+        np.testing.assert_array_equal(scores[name], scores["ADE"])
+    np.testing.assert_array_equal(scores["MR_2m_20"], scores["MR_2m"])
+    assert np.isnan(scores["KDE_NLL"]).all()
+
+
+def test_rows_of_the_table():
+    assert [m.name for m in metrics.metric_rows(1)] == ["ADE", "FDE", "MR_2m", "collision_0.2m"]
+    names = [m.name for m in metrics.metric_rows(20)]
+    assert names[4:] == ["minADE_20", "minFDE_20", "JADE_20", "JFDE_20", "MR_2m_20", "KDE_NLL"]
+    assert not any("{" in m.name + m.description for m in metrics.metric_rows(20))
+
+
+def damaged(change):
+    forecast, truth = make([2, 3], all_known=True)
+    forecast.positions[3, 1, 4, 0] = np.nan
+    good = make([2, 3], all_known=True)[0].positions
+    return {
+        "flat": Forecast(good[:, 0]),
+        "steps": Forecast(good[:, :, :11]),
+        "agents": Forecast(good[:4]),
+        "none": Forecast(good[:, :0]),
+        "text": Forecast(good.astype(object)),
+        "nan": forecast,
+        "array": good,
+        "weights": Forecast(good, np.ones((5, 3))),
+        "log weights": Forecast(good, -np.ones((5, 5))),
+    }[change], truth
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("flat", r"shape \(5, 12, 2\), expected \(5, K, 12, 2\).*positions\[:, None\]"),
+        ("steps", r"shape \(5, 5, 11, 2\), expected \(5, K, 12, 2\)"),
+        ("agents", r"shape \(4, 5, 12, 2\), expected \(5, K, 12, 2\)"),
+        ("none", r"samples \(at least 1\)"),
+        ("text", "object"),
+        ("nan", r"agent \d \(row 3, scene 1\) is \[nan, .* at step 4 of sample 1"),
+        ("array", r"got ndarray; wrap it: Forecast\(positions\)"),
+        ("weights", r"weights have shape \(5, 3\), expected \(5, 5\)"),
+        ("log weights", "not negative"),
+    ],
+)
+def test_a_bad_forecast_is_told_what_is_wrong(change, message):
+    forecast, truth = damaged(change)
+    for k in (1, 2):
+        with pytest.raises(PredictorError, match=message):
+            metrics.score(forecast, truth, k)
+
+
+def test_too_few_samples_for_k():
+    forecast, truth = make([2], samples=5)
+    with pytest.raises(PredictorError, match=r"has 5 samples, but k = 20.*samples=20"):
+        metrics.score(forecast, truth, 20)
+    with pytest.raises(SpecError, match="k is 0"):
+        metrics.score(forecast, truth, 0)
+
+
+def test_a_truth_that_contradicts_itself():
+    forecast, truth = make([2, 3], all_known=True)
+    observation = Observation(truth.observation.history, np.array([0, 2, 4]), truth.observation.agent, 0.4)
+    with pytest.raises(DataError, match="rise from 0 to the 5 agents"):
+        metrics.ade(forecast, Truth(truth.future, truth.known, observation))
+    with pytest.raises(DataError, match="known"):
+        metrics.ade(forecast, Truth(truth.future, truth.known[:, :3], truth.observation))
+    with pytest.raises(DataError, match="known but"):
+        metrics.ade(forecast, Truth(np.full_like(truth.future, np.nan), truth.known, truth.observation))
+
+
+@fast
+@given(cases(weighted=True, all_known=True))
+def test_the_scale_of_weights_does_not_matter(case):
+    forecast, truth = case
+    assume(len(forecast.positions))
+    k = forecast.positions.shape[1]
+    scaled = metrics.score(Forecast(forecast.positions, forecast.weights * 8), truth, k)
+    for name, values in metrics.score(forecast, truth, k).items():
+        np.testing.assert_allclose(scaled[name], values, rtol=1e-9, err_msg=name)
+
+
+def test_positions_may_be_a_list():
+    forecast, truth = make([2, 3], samples=3)
+    plain = Forecast(forecast.positions.tolist())
+    for name, values in metrics.score(forecast, truth, 3).items():
+        np.testing.assert_array_equal(metrics.score(plain, truth, 3)[name], values)

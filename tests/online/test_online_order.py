@@ -1,0 +1,131 @@
+"""Nothing is forecast or scored by what was learned from it: two worlds that are the same up to a time."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+import motion_gym as mg
+from motion_gym import catalog
+from motion_gym.online import evaluation as online
+from motion_gym.online.evaluation import evaluate_online
+from motion_gym.online.streams import Segment, Stream
+from tests.bias import Bias
+from tests.street import Street
+from tests.taped import Taped, fitted_linear
+
+CROWD = "orca:d=0.3,scenes=6"
+STREET = Street(frames=140)
+SOURCE = "modular_invariant"
+PLAIN = "constant_velocity"
+STGAT = "erm_no_sigma:weights=original/zara2"
+FOR_STGAT = [
+    ("none", "matured"),
+    ("finetune:every=6,least=4", "matured"),
+    ("finetune:every=6,least=4", "stepwise"),
+    ("ema_anchor:every=3", "matured"),
+    ("kalman", "matured"),
+    ("kalman", "stepwise"),
+    ("ekf:every=6,least=6,agents=2", "matured"),
+]
+
+
+class Otherwise:
+    """A domain whose positions are others after a listed frame, and whose people also leave, if they may."""
+
+    def __init__(self, place, after, leave):
+        self.place, self.after, self.leave = catalog.domain(place), after, leave
+        self.windows, self.reference, self.history = self.place.windows, self.place.reference, self.place.history
+
+    @property
+    def card(self):
+        return self.place.card
+
+    def recordings(self, split):
+        (recording,) = self.place.recordings(split)
+        tick = np.unique(recording.frame, return_inverse=True)[1].reshape(-1)
+        rng = np.random.default_rng(self.after)
+        xy = np.where((tick > self.after)[:, None], recording.xy + rng.normal(0, 3, recording.xy.shape), recording.xy)
+        keep = (tick <= self.after) | (rng.random(recording.agent.max() + 1)[recording.agent] > 0.5 * self.leave)
+        columns = {"frame": recording.frame[keep], "agent": recording.agent[keep], "xy": xy[keep]}
+        return [mg.Recording(**columns, dt=recording.dt)]
+
+
+def seen_before(make, place, frames, after, leave=False, **options):
+    """What differs up to ``after`` between two worlds that are the same until then, and how much there was to see."""
+    tapes, cards, times = [], [], []
+    for world in (catalog.domain(place), Otherwise(place, after, leave)):
+        taped, played = Taped(make(world)), Stream([Segment(world, 0, frames)])
+        cards.append(evaluate_online(taped, played, **options))
+        tapes.append(taped.tape)
+        times.append(played.clock.times)
+    until = int((times[0] <= after).sum())
+    found = []
+    for number, (one, other) in enumerate(zip(*(t.forecasts[:until] for t in tapes), strict=True)):
+        assert times[0][number] == times[1][number] and np.array_equal(one[0], other[0])
+        if not np.array_equal(one[1], other[1]):
+            found.append(f"forecast at {times[0][number]}")
+    scored = [
+        {(made, value) for made, value in zip(c.made, c.values, strict=True) if made <= after - 12} for c in cards
+    ]
+    if scored[0] != scored[1]:
+        found.append("scores")
+    told = sum(index < until for index, _ in tapes[0].told)
+    return found, {"told": told, "scored": len(scored[0]), "later": tapes[0].forecasts[-1], "card": cards[0]}
+
+
+@pytest.mark.parametrize("adapter", catalog.ADAPTERS)
+def test_no_forecast_or_score_depends_on_truth_that_comes_later(adapter):
+    def make(world):
+        return catalog.adapter("refine:steps=1" if adapter == "refine" else adapter, SOURCE)
+
+    found, there = seen_before(make, CROWD, 120, 90)
+    assert found == []
+    assert there["told"] > 4 and there["scored"] == 8 and (there["card"].updates > 0) == (adapter != "none")
+
+
+@pytest.mark.parametrize(("adapter", "labels"), FOR_STGAT)
+def test_nor_does_one_of_stgat_where_people_come_and_go(eth_ucy, adapter, labels):
+    def make(world):
+        return catalog.adapter(adapter, STGAT)
+
+    found, there = seen_before(make, "hotel", 72, 56, leave=True, labels=labels)
+    assert found == []
+    assert there["told"] > 10 and there["scored"] > 10 and (there["card"].updates > 2) == (adapter != "none")
+
+
+@pytest.mark.parametrize("labels", online.LABELS)
+@pytest.mark.parametrize(("adapter", "scope"), [("kalman", "stream"), *((Bias, scope) for scope in online.SCOPES)])
+def test_nor_does_a_linear_one(adapter, labels, scope):
+    def make(world):
+        return catalog.adapter(adapter, fitted_linear())
+
+    found, there = seen_before(make, STREET, 140, 90, leave=True, labels=labels, scope=scope)
+    assert found == []
+    assert there["told"] > 50 and there["scored"] > 50 and there["card"].updates > 50
+
+
+class Foresees(Bias):
+    """Learns from a scene's own truth before it forecasts it, though it changes nothing that it holds."""
+
+    def __init__(self, of, world, frames):
+        super().__init__(of)
+        clock = Stream([Segment(world, 0, frames)]).clock
+        truths = [clock.truth_at(at) for at in range(len(clock.times))]
+        self.truths = {truth.observation.history.tobytes(): truth for truth in truths}
+
+    def predict(self, observation, samples=1, seed=0):
+        learned = copy.copy(self)
+        learned.errors = copy.copy(self.errors)
+        learned.observe(self.truths[observation.history.tobytes()])
+        return Bias.predict(learned, observation, samples, seed)
+
+
+def test_whoever_learns_from_a_scene_before_it_is_scored_is_found():
+    def make(world):
+        return Foresees(mg.predictor(PLAIN), world, 140)
+
+    found, _ = seen_before(make, STREET, 140, 90)
+    assert {"forecast at 89", "forecast at 90"} <= set(found) and "forecast at 77" not in found

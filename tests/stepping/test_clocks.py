@@ -1,0 +1,426 @@
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import motion_gym
+from motion_gym.contract import DataError, Forecast, Observation, Recording, Truth
+from motion_gym.data.windows import pick_scenes, positions_only, windows_of
+from motion_gym.metrics.errors import ade
+from motion_gym.stepping.clocks import Ledger, Settled, Step, StreamClock, WindowsClock
+from motion_gym.stepping.harness import ask
+
+SPELLS = st.sampled_from((1, 7, 8, 9, 12, 19, 20, 22, 30))
+some = settings(max_examples=30, deadline=None)
+
+
+@st.composite
+def recordings(draw):
+    """One or two places; agents leave, are lost and found again, and frames without anybody are not listed."""
+    places = []
+    for place in range(draw(st.integers(1, 2))):
+        rows = []
+        for agent in draw(st.lists(st.integers(0, 9), unique=True, max_size=4)):
+            frame = draw(st.integers(0, 12))
+            for spell in draw(st.lists(SPELLS, min_size=1, max_size=3)):
+                rows += [(3 + 10 * f, agent) for f in range(frame, frame + spell)]
+                frame += spell + draw(st.sampled_from((1, 2, 15)))
+        frame, agent = np.array(sorted(rows), np.int64).reshape(-1, 2).T
+        xy = np.random.default_rng([place, len(rows)]).normal(size=(len(rows), 2)).cumsum(axis=0)
+        places.append(Recording(frame, agent, xy, 0.4))
+    return places
+
+
+def positions_for(names: list[int], time: int, samples: int = 2) -> np.ndarray:
+    """[A, K, 12, 2] forecasts that depend on nothing but who forecasts, and when."""
+    inner = np.arange(samples * 24).reshape(samples, 12, 2)
+    outer = 7.3 * np.array(names, float).reshape(-1, 1, 1, 1) + 0.37 * time
+    return (9 * np.sin(outer + 1.9 * inner)).astype(np.float32)
+
+
+@dataclass
+class Played:
+    """What a clock handed out: its first step, and then what came of each forecast."""
+
+    steps: list[Step] = field(default_factory=list)
+    times: list[int] = field(default_factory=list)
+    ledger: Ledger = field(default_factory=Ledger)
+
+    def settled(self) -> list[Settled]:
+        return [s.settled for s in self.steps]
+
+
+def play(clock, samples: int = 2) -> Played:
+    played, step = Played(), clock.reset()
+    while True:
+        played.steps.append(step)
+        played.times.append(clock.time)
+        played.ledger.add(step.settled)
+        if not len(step.observation):
+            return played
+        step = clock.step(Forecast(positions_for(step.identity.tolist(), clock.time, samples)))
+
+
+@dataclass
+class PlainStep:
+    time: int
+    names: list[int]
+    agents: list[tuple[int, int]]
+    histories: list[list]
+    rewards: list[float] = field(default_factory=list)
+    settled: list[tuple] = field(default_factory=list)
+    """(made, name, agent, future, known) of each forecast that was settled on the way here"""
+
+
+def plain_stream(places: list[Recording]) -> list[PlainStep]:
+    """The stream clock from its definition, one frame and one agent at a time, with the forecasts of ``play``."""
+    here: list[dict[tuple[int, int], np.ndarray]] = []
+    for number, place in enumerate(places):
+        for frame in np.unique(place.frame):
+            rows = np.flatnonzero(place.frame == frame)
+            here.append({(number, int(place.agent[r])): place.xy[r] for r in rows})
+    path: dict[tuple[int, int], list] = {}
+    name_of: dict[tuple[int, int], int] = {}
+    names, steps = 0, [PlainStep(-1, [], [], [])]
+    outstanding: list[dict] = []
+    waiting = PlainStep(-1, [], [], [])
+    for time, seen in enumerate([*here, {}]):
+        for agent in list(path):
+            if agent not in seen:
+                del path[agent]
+                name_of.pop(agent, None)
+        for agent in seen:
+            path.setdefault(agent, []).append(seen[agent])
+        errors: dict[int, list[float]] = {}
+        for made in outstanding:
+            if name_of.get(made["agent"]) == made["name"]:
+                known = path[made["agent"]][-1]
+                point = made["points"][len(made["future"])]
+                errors.setdefault(made["name"], []).append(float(np.hypot(*(point.astype(float) - known))))
+                made["future"].append(known)
+                made["done"] = len(made["future"]) == 12
+            else:
+                made["done"] = True
+        rewards = [-np.mean(errors[n]) if n in errors else 0.0 for n in steps[-1].names]
+        waiting.rewards = [a + b for a, b in zip(waiting.rewards or [0.0] * len(rewards), rewards, strict=True)]
+        waiting.settled += [(m["made"], m["name"], m["agent"], m["future"]) for m in outstanding if m["done"]]
+        outstanding = [m for m in outstanding if not m["done"]]
+        observed = sorted(agent for agent in path if len(path[agent]) >= 8)
+        for agent in observed:
+            if agent not in name_of:
+                name_of[agent], names = names, names + 1
+        if not observed and time < len(here):
+            continue
+        waiting.time, waiting.agents, waiting.names = time, observed, [name_of[a] for a in observed]
+        waiting.histories = [path[a][-8:] for a in observed]
+        steps.append(waiting)
+        for agent, points in zip(observed, positions_for(waiting.names, time)[:, 0], strict=True):
+            made = dict(made=time, name=name_of[agent], agent=agent, points=points, future=[], done=False)
+            outstanding.append(made)
+        waiting = PlainStep(-1, [], [], [])
+    return steps[1:]
+
+
+@some
+@given(recordings())
+def test_stream_shows_each_agent_from_its_8th_frame_to_its_last_and_nothing_else(places):
+    played, plain = play(StreamClock(places)), plain_stream(places)
+    assert played.times == [p.time for p in plain]
+    for step, expected in zip(played.steps, plain, strict=True):
+        assert step.identity.tolist() == expected.names == step.observation.agent.tolist()
+        histories = np.array(expected.histories, np.float32).reshape(-1, 8, 2)
+        np.testing.assert_array_equal(step.observation.history, histories)
+        assert step.observation.scene.tolist() == ([0, len(expected.names)] if expected.names else [0])
+
+
+@some
+@given(recordings())
+def test_stream_rewards_are_those_of_the_definition(places):
+    for step, expected in zip(play(StreamClock(places)).steps, plain_stream(places), strict=True):
+        assert step.reward.dtype == np.float64
+        np.testing.assert_allclose(step.reward, expected.rewards, rtol=1e-12, atol=1e-12)
+
+
+@some
+@given(recordings())
+def test_stream_settles_each_forecast_once_and_when_it_is_due(places):
+    made = set()
+    for step, expected in zip(play(StreamClock(places)).steps, plain_stream(places), strict=True):
+        settled = step.settled
+        rows = sorted(expected.settled, key=lambda row: (row[0], row[2]))
+        assert settled.made.tolist() == [row[0] for row in rows]
+        assert settled.identity.tolist() == [row[1] for row in rows]
+        assert settled.matured.tolist() == [len(row[3]) == 12 for row in rows]
+        assert settled.truth.known.sum(axis=1).tolist() == [len(row[3]) for row in rows]
+        for i, (time, name, _, future) in enumerate(rows):
+            known = settled.truth.known[i]
+            assert known[: len(future)].all()
+            np.testing.assert_array_equal(settled.truth.future[i, known], np.array(future, np.float32).reshape(-1, 2))
+            assert (settled.truth.future[i, ~known] == 0).all()
+            np.testing.assert_array_equal(settled.forecast.positions[i], positions_for([name], time)[0])
+            assert (time, name) not in made
+            made.add((time, name))
+    assert made == {(p.time, name) for p in plain_stream(places) for name in p.names}
+
+
+def cut(places: list[Recording], time: int) -> list[Recording]:
+    """The world up to a time, in listed frames over all recordings."""
+    parts, start = [], 0
+    for place in places:
+        frames = np.unique(place.frame)
+        keep = np.isin(place.frame, frames[: max(0, time + 1 - start)])
+        part = dataclasses.replace(place, frame=place.frame[keep], agent=place.agent[keep], xy=place.xy[keep])
+        if keep.any() or not len(frames):
+            parts.append(part)
+        start += len(frames)
+    return parts
+
+
+def assert_same_step(one: Step, other: Step) -> None:
+    def arrays(step: Step) -> list[np.ndarray]:
+        s, o = step.settled, step.observation
+        return [
+            o.history, o.scene, o.agent, step.identity, step.reward, s.forecast.positions, s.identity, s.person, s.made,
+            s.truth.future, s.truth.known, s.truth.observation.history, s.truth.observation.scene,
+        ]  # fmt: skip
+
+    for a, b in zip(arrays(one), arrays(other), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@some
+@given(recordings(), st.data())
+def test_nothing_before_a_time_depends_on_what_comes_after_it(places, data):
+    whole = play(StreamClock(places))
+    assert whole.times[-1] == sum(len(np.unique(p.frame)) for p in places)
+    time = data.draw(st.sampled_from(whole.times))
+    part = play(StreamClock(cut(places, time)))
+    seen = [i for i, t in enumerate(whole.times) if t <= time and len(whole.steps[i].identity)]
+    assert part.times[: len(seen)] == [whole.times[i] for i in seen]
+    for i in seen:
+        assert_same_step(whole.steps[i], part.steps[i])
+
+
+@some
+@given(recordings())
+def test_ids_are_given_as_agents_enter_and_never_return(places):
+    clock = StreamClock(places)
+    here, gone, entered = set(), set(), []
+    for step in play(clock).steps:
+        now = set(step.identity.tolist())
+        assert len(now) == len(step.identity)
+        gone |= here - now
+        assert not now & gone
+        entered += [i for i in step.identity.tolist() if i not in here]
+        here = now
+    assert entered == list(range(clock.size))
+    assert len({clock.name(i) for i in entered}) == clock.size
+
+
+@some
+@given(recordings())
+def test_matured_forecasts_are_the_windows_of_the_recordings(places):
+    played, expected = play(StreamClock(places)), windows_of(places, min_agents=1)
+    if not len(played.ledger):
+        assert not len(expected.future)
+        return
+    assert played.ledger.matured == len(expected.future)
+    assert played.ledger.matured + played.ledger.censored == len(played.ledger)
+    _, truth = played.ledger.matured_only()
+    for key in ("future", "known"):
+        np.testing.assert_array_equal(getattr(truth, key), getattr(expected, key))
+    for key in ("history", "scene", "agent"):
+        np.testing.assert_array_equal(getattr(truth.observation, key), getattr(expected.observation, key))
+
+
+@some
+@given(recordings())
+def test_stream_begins_again_as_before(places):
+    clock = StreamClock(places)
+    first = clock.reset()
+    if len(first.observation):
+        clock.step(Forecast(positions_for(first.identity.tolist(), clock.time)))
+    one, two = play(clock), play(clock)
+    assert one.times == two.times
+    for a, b in zip(one.steps, two.steps, strict=True):
+        assert_same_step(a, b)
+
+
+@some
+@given(recordings())
+def test_extent_holds_all_positions_and_no_more(places):
+    xy = np.concatenate([p.xy for p in places])
+    if len(xy):
+        np.testing.assert_array_equal(StreamClock(places).extent, [xy.min(axis=0), xy.max(axis=0)])
+    truth = windows_of(places)
+    if len(truth.future):
+        both = np.concatenate([truth.observation.xy.reshape(-1, 2), truth.future.reshape(-1, 2)])
+        np.testing.assert_array_equal(WindowsClock(truth).extent, [both.min(axis=0), both.max(axis=0)])
+
+
+@some
+@given(recordings())
+def test_latest_paths_are_the_last_forecasts_of_those_who_stayed(places):
+    clock = StreamClock(places)
+    step = clock.reset()
+    assert clock.latest_paths().shape[0] == 0
+    while len(step.observation):
+        names, made, last = step.identity.tolist(), clock.time, step.observation.xy[:, -1]
+        positions = positions_for(names, made)
+        step = clock.step(Forecast(positions))
+        stayed = [i for i, name in enumerate(names) if name in step.identity]
+        expected = np.concatenate([np.repeat(last[stayed, None, None], 2, axis=1), positions[stayed]], axis=2)
+        if stayed:
+            np.testing.assert_allclose(clock.latest_paths(), expected, rtol=1e-6)
+        _, identity, times = clock.outstanding
+        assert set(identity.tolist()) <= set(names)
+        assert all(made - t < 12 for t in times.tolist())
+
+
+def test_an_agent_lost_for_one_frame_is_a_new_agent_but_the_same_person():
+    frame = np.concatenate([np.delete(np.arange(60), 30), np.arange(60)])
+    agent = np.repeat([4, 7], [59, 60])
+    order = np.lexsort((agent, frame))
+    clock = StreamClock([Recording(frame[order], agent[order], np.zeros((119, 2)), 0.4)])
+    played = play(clock)
+    assert clock.size == 3
+    assert [s.identity.tolist() for s, t in zip(played.steps, played.times, strict=True) if t in (29, 30, 37, 38)] == [
+        [0, 1],
+        [1],
+        [1],
+        [2, 1],
+    ]
+    person = {(int(i), int(p)) for s in played.settled() for i, p in zip(s.identity, s.person, strict=True)}
+    assert person == {(0, 4), (1, 7), (2, 4)}
+
+
+def test_recordings_of_one_stream_have_one_time_step():
+    places = [Recording(np.arange(9), np.zeros(9, np.int64), np.zeros((9, 2)), dt) for dt in (0.4, 0.5)]
+    with pytest.raises(DataError, match=r"\[0.4, 0.5\]"):
+        StreamClock(places)
+
+
+def test_weights_say_which_sample_is_scored():
+    truth = windows_of([Recording(np.arange(20), np.zeros(20, np.int64), np.zeros((20, 2)), 0.4)])
+    positions = np.stack([np.full((1, 12, 2), 3.0), np.zeros((1, 12, 2))], axis=1).astype(np.float32)
+    for weights, expected in ((None, -np.hypot(3, 3)), ([[0.4, 0.6]], 0.0), ([[0.6, 0.4]], -np.hypot(3, 3))):
+        forecast = Forecast(positions, None if weights is None else np.array(weights, np.float32))
+        windows, stream = (
+            WindowsClock(truth),
+            StreamClock([Recording(np.arange(9), np.zeros(9, np.int64), np.zeros((9, 2)), 0.4)]),
+        )
+        windows.reset(), stream.reset()
+        assert windows.step(forecast).reward.tolist() == stream.step(forecast).reward.tolist() == [expected]
+
+
+def test_a_ledger_keeps_weights_and_is_empty_at_first():
+    ledger = Ledger()
+    assert len(ledger) == ledger.matured == ledger.censored == 0
+    with pytest.raises(ValueError, match="empty"):
+        ledger.read()
+    clock = StreamClock([Recording(np.arange(22), np.zeros(22, np.int64), np.zeros((22, 2)), 0.4)])
+    step, weights = clock.reset(), np.array([[0.3, 0.7]], np.float32)
+    while len(step.observation):
+        step = clock.step(Forecast(positions_for(step.identity.tolist(), clock.time), weights))
+        ledger.add(step.settled)
+    assert (ledger.matured, ledger.censored) == (3, 12)
+    forecast, _ = ledger.read()
+    np.testing.assert_array_equal(forecast.weights, np.repeat(weights, 15, axis=0))
+    assert len(ledger.matured_only()[0].weights) == 3
+
+
+def test_a_stream_of_nothing_is_over_at_once():
+    empty = Recording(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), 0.4)
+    for places in ([], [empty], [Recording(np.arange(7), np.zeros(7, np.int64), np.zeros((7, 2)), 0.4)]):
+        clock = StreamClock(places)
+        assert clock.size == 0 and len(clock.reset().observation) == 0
+
+
+@some
+@given(st.lists(st.integers(1, 3), min_size=1, max_size=6), st.integers(1, 3))
+def test_windows_clock_visits_exactly_the_windows(sizes, samples):
+    rng, agents = np.random.default_rng(len(sizes)), sum(sizes)
+    known = rng.random((agents, 12)) < 0.7
+    scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    observation = Observation(
+        rng.normal(size=(agents, 8, 2)).astype(np.float32), scene, rng.integers(0, 5, agents), 0.4
+    )
+    future = np.where(known[..., None], rng.normal(size=(agents, 12, 2)), 0).astype(np.float32)
+    truth = Truth(future, known, observation)
+    clock = WindowsClock(truth)
+    for _ in range(2):
+        played = play(clock, samples)
+        assert played.times == list(range(len(sizes) + 1))
+        assert [len(s.observation) for s in played.steps] == [*sizes, 0]
+        assert [i for s in played.steps for i in s.identity.tolist()] == list(range(agents))
+        _, seen = played.ledger.read()
+        for one, other in ((seen.future, truth.future), (seen.known, known), (seen.observation.scene, scene)):
+            np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(seen.observation.history, observation.history)
+        for window, step in enumerate(played.steps[1:]):
+            here = range(scene[window], scene[window + 1])
+            points = positions_for(list(here), window, samples)[:, 0].astype(float)
+            for agent, path, reward in zip(here, points, step.reward, strict=True):
+                errors = [np.hypot(*(path[t] - future[agent, t])) for t in range(12) if known[agent, t]]
+                assert reward == pytest.approx(-np.mean(errors) if errors else 0, rel=1e-12)
+            assert step.settled.made.tolist() == [window] * len(here)
+            assert step.settled.person.tolist() == observation.agent[list(here)].tolist()
+
+
+def test_windows_clock_names_window_and_agent():
+    observation = Observation(np.zeros((3, 8, 2), np.float32), np.array([0, 1, 3]), np.array([5, 5, 8]), 0.4)
+    clock = WindowsClock(Truth(np.zeros((3, 12, 2), np.float32), np.ones((3, 12), bool), observation))
+    assert [clock.name(i) for i in range(3)] == ["window_0_agent_5", "window_1_agent_5", "window_1_agent_8"]
+
+
+@pytest.mark.parametrize("place", ["eth", "univ"])
+def test_matured_forecasts_of_a_real_stream_score_as_offline(eth_ucy, place):
+    domain = motion_gym.domain(place, min_agents=1)
+    predictor = motion_gym.predictor("constant_velocity")
+    clock, ledger = StreamClock(domain.recordings("test"), domain.history), Ledger()
+    step = clock.reset()
+    while len(step.observation):
+        step = clock.step(ask(predictor, step.observation))
+        ledger.add(step.settled)
+    truth = domain.windows("test")
+    forecast, matured = ledger.matured_only()
+    np.testing.assert_array_equal(matured.observation.scene, truth.observation.scene)
+    np.testing.assert_array_equal(matured.observation.agent, truth.observation.agent)
+    offline = ade(ask(predictor, truth.observation), truth)
+    np.testing.assert_array_equal(ade(forecast, matured), offline)
+    paper = motion_gym.domain(place).windows("test")
+    paired = np.diff(truth.observation.scene)[truth.observation.scene_index] >= 2
+    np.testing.assert_array_equal(offline[paired], ade(ask(predictor, paper.observation), paper))
+
+
+def test_the_real_windows_clock_scores_as_offline(eth_ucy):
+    truth = motion_gym.domain("eth").windows("test")
+    predictor = motion_gym.predictor("constant_velocity")
+    clock, step, rewards = WindowsClock(truth), WindowsClock(truth).reset(), []
+    while len(step.observation):
+        step = clock.step(ask(predictor, step.observation))
+        rewards.append(step.reward)
+    np.testing.assert_array_equal(-np.concatenate(rewards), ade(ask(predictor, truth.observation), truth))
+    assert -np.concatenate(rewards).mean() == pytest.approx(0.995, abs=5e-4)
+
+
+def test_features_of_a_stream_are_those_of_its_windows():
+    rng = np.random.default_rng(0)
+    frame, agent = np.divmod(np.arange(90), 2)
+    place = Recording(frame, agent, rng.normal(size=(90, 2)), 0.4)
+
+    def speeds(positions, known):
+        speed = np.linalg.norm(np.diff(positions[:, :8], axis=1, prepend=positions[:, :1]), axis=2, keepdims=True)
+        return np.concatenate([positions_only(positions, known), speed], axis=2)
+
+    ledger = play(StreamClock([place], speeds)).ledger
+    truth = windows_of([place], speeds)
+    np.testing.assert_array_equal(ledger.matured_only()[1].observation.history, truth.observation.history)
+    np.testing.assert_array_equal(
+        pick_scenes(truth, [0]).observation.history, StreamClock([place], speeds).reset().observation.history
+    )

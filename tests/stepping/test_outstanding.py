@@ -1,0 +1,99 @@
+"""Forecasts that wait for their truth."""
+
+import numpy as np
+import pytest
+
+from motion_gym.contract import DataError, Forecast, Observation, PredictorError
+from motion_gym.stepping.outstanding import Outstanding
+
+
+def observation(agents=2, seed=0):
+    history = np.random.default_rng(seed).normal(size=(agents, 8, 2)).astype(np.float32)
+    return Observation(history, np.array([0, agents]), 10 + np.arange(agents), 0.4)
+
+
+def forecast(agents=2, seed=1):
+    return Forecast(np.random.default_rng(seed).normal(size=(agents, 1, 12, 2)).astype(np.float32))
+
+
+@pytest.fixture
+def waiting():
+    made = Outstanding()
+    for at in (3, 5):
+        made.store(at, observation(seed=at), forecast(seed=at))
+    return made
+
+
+def test_what_was_stored_comes_back_with_its_truth_once(waiting):
+    future, known = np.ones((2, 12, 2)), np.arange(12) < [[12], [4]]
+    said, truth = waiting.settle(3, future, known)
+    np.testing.assert_array_equal(said.positions, forecast(seed=3).positions)
+    np.testing.assert_array_equal(truth.observation.history, observation(seed=3).history)
+    assert truth.future.dtype == np.float32 and truth.known.dtype == bool
+    np.testing.assert_array_equal(truth.future, known[..., None] * np.ones(2))
+    assert [stored.made for stored in waiting] == [5] and len(waiting) == 1
+    with pytest.raises(DataError, match=r"made at 3, and none is stored of that time \(5 to 5\)"):
+        waiting.settle(3, future, known)
+
+
+def test_what_is_known_so_far_leaves_it_waiting(waiting):
+    for steps in (1, 7):
+        truth = waiting.so_far(5, np.zeros((2, 12, 2)).tolist(), (np.arange(12) < [[steps]] * 2).tolist())
+        assert truth.known.sum() == 2 * steps
+    assert [stored.made for stored in waiting] == [3, 5]
+
+
+def test_what_was_stored_is_out_of_reach():
+    waiting, seen, said = Outstanding(), observation(), forecast()
+    waiting.store(0, seen, said)
+    seen.history[:], said.positions[:] = 0, 0
+    future, known = np.ones((2, 12, 2), np.float32), np.ones((2, 12), bool)
+    stored, truth = waiting.settle(0, future, known)
+    future[:], known[:] = 7, False
+    assert stored.positions.any() and truth.observation.history.any()
+    assert (truth.future == 1).all() and truth.known.all()
+
+
+def test_positions_alone_can_be_stored():
+    waiting = Outstanding()
+    waiting.store(0, observation(), forecast().positions)
+    said, _ = waiting.settle(0, np.zeros((2, 12, 2)), np.ones((2, 12)))
+    np.testing.assert_array_equal(said.most_likely(), forecast().positions[:, 0])
+
+
+def test_a_time_is_forecast_once(waiting):
+    with pytest.raises(PredictorError, match="made at 5 is stored already: a time is forecast once"):
+        waiting.store(5, observation(), forecast())
+
+
+def test_each_agent_is_forecast(waiting):
+    with pytest.raises(PredictorError, match="is of 3 agents, and 2 are observed"):
+        waiting.store(6, observation(2), forecast(3))
+
+
+@pytest.mark.parametrize("method", ["settle", "so_far"])
+def test_truth_of_a_forecast_that_was_never_made_is_refused(waiting, method):
+    with pytest.raises(DataError, match=r"of a forecast made at 4, and none is stored of that time \(3 to 5\)"):
+        getattr(waiting, method)(4, np.zeros((2, 12, 2)), np.ones((2, 12), bool))
+    with pytest.raises(DataError, match=r"none is stored of that time \(none\)"):
+        getattr(Outstanding(), method)(4, np.zeros((2, 12, 2)), np.ones((2, 12), bool))
+
+
+@pytest.mark.parametrize(
+    ("future", "known"),
+    [(np.zeros((3, 12, 2)), np.ones((3, 12))), (np.zeros((2, 8, 2)), np.ones((2, 8))), (np.zeros((2, 12)), None)],
+)
+def test_truth_of_another_shape_is_refused(waiting, future, known):
+    with pytest.raises(DataError, match=r"expected \(2, 12, 2\) and \(2, 12\): the 2 agents observed then, 12 steps"):
+        waiting.settle(3, future, known)
+    assert len(waiting) == 2
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_truth_that_is_not_finite_is_refused_where_it_is_known(waiting, value):
+    future, known = np.zeros((2, 12, 2)), np.ones((2, 12), bool)
+    future[1, 6, 0] = value
+    with pytest.raises(DataError, match="truth of agent 11, forecast at 3, is not finite at step 7: make known False"):
+        waiting.settle(3, future, known)
+    known[1, 6] = False
+    assert np.isfinite(waiting.settle(3, future, known)[1].future).all()

@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+import pickle
+import warnings
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from motion_gym.contract import Recording, SpecError
+from motion_gym.data.domains import RecordedDomain
+from motion_gym.stepping.gymnasium_env import WindowEnv
+from motion_gym.stepping.pettingzoo_env import ForecastEnv
+from motion_gym.stepping.render import FORECAST_COLOR, HISTORY_COLOR, TRUTH_COLOR, Canvas
+
+
+class Lanes(RecordedDomain):
+    """People side by side, each in a lane of their own."""
+
+    name = "lanes"
+
+    def __init__(self, people: int = 2, frames: int = 24):
+        self.people, self.frames = people, frames
+
+    def recordings(self, split):
+        frame, agent = np.divmod(np.arange(self.people * self.frames), self.people)
+        return [Recording(frame, agent, np.stack([frame * 0.5, agent * 1.5], axis=1), self.dt)]
+
+
+def straight(env, samples: int = 1, drift: float = 0.0) -> dict[str, np.ndarray]:
+    """Everybody walks on along x, the samples fanning out by ``drift`` metres."""
+    actions = {}
+    for name, (x, y) in zip(env.agents, env._step.observation.xy[:, -1], strict=True):
+        ahead = np.arange(1, 13)
+        fan = drift * np.arange(samples)[:, None] * ahead / 12 + drift
+        actions[name] = np.stack([np.broadcast_to(x + ahead / 2, (samples, 12)), y + fan], -1).astype(np.float32)
+    return actions
+
+
+def after(steps: int, *, clock: str, people: int = 2, samples: int = 1, drift: float = 0.0) -> ForecastEnv:
+    env = ForecastEnv(Lanes(people), clock=clock, samples=samples, render_mode="rgb_array")
+    env.reset()
+    for _ in range(steps):
+        env.step(straight(env, samples, drift))
+    return env
+
+
+def near(image: np.ndarray, color: str, tolerance: int = 12) -> int:
+    """Pixels of a color."""
+    wanted = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)])
+    return int((np.abs(image.astype(int) - wanted).max(axis=2) <= tolerance).sum())
+
+
+def limits(env) -> tuple:
+    axes = env._canvas._figure.axes[0]
+    return axes.get_xlim(), axes.get_ylim(), axes.get_position().bounds
+
+
+@pytest.mark.parametrize("clock", ["windows", "stream"])
+@pytest.mark.parametrize("people, samples", [(1, 1), (2, 20), (40, 1), (15, 20)])
+def test_pictures_are_rgb_of_one_size(clock, people, samples):
+    env = after(1, clock=clock, people=people, samples=samples, drift=0.2)
+    image = env.render()
+    assert image.dtype == np.uint8 and image.shape == (540, 720, 3)
+    assert image.flags.writeable and image is not env.render()
+    assert near(image, HISTORY_COLOR) > 50 * people, "histories are solid"
+    assert (image == 255).all(axis=2).mean() > 0.5
+
+
+def test_a_window_shows_its_truth_and_its_forecast():
+    env = after(0, clock="windows")
+    before = env.render()
+    assert near(before, HISTORY_COLOR) > 100
+    assert near(before[60:], TRUTH_COLOR) == 0, "nothing of the future is shown before it was forecast"
+    env.step(straight(env, drift=0.3))
+    then = env.render()
+    assert near(then[60:], TRUTH_COLOR) > 50
+    assert not np.array_equal(before, then)
+
+
+@pytest.mark.parametrize("clock, steps", [("windows", 1), ("stream", 1), ("stream", 12)])
+def test_the_picture_changes_with_the_forecast_and_with_nothing_else(clock, steps):
+    images = [after(steps, clock=clock, drift=drift).render() for drift in (0.3, 0.3, 0.6)]
+    np.testing.assert_array_equal(images[0], images[1])
+    assert not np.array_equal(images[0], images[2])
+
+
+@pytest.mark.parametrize("make", [lambda: after(0, clock="windows"), lambda: after(0, clock="stream")])
+def test_the_scale_is_the_same_for_a_whole_episode(make):
+    env, seen = make(), set()
+    while env.agents:
+        env.render()
+        seen.add(limits(env))
+        env.step(straight(env, drift=30.0))
+    env.render()
+    seen.add(limits(env))
+    assert len(seen) == 1
+    (left, right), (low, high), _ = seen.pop()
+    assert left < 0 and right > 23 * 0.5 and low < 0 and high > 1.5
+
+
+def test_the_last_picture_of_an_episode_can_be_drawn():
+    env = after(5, clock="windows")
+    assert not env.agents and near(env.render()[60:], TRUTH_COLOR) > 50
+    env = after(17, clock="stream")
+    assert not env.agents and env.render().shape == (540, 720, 3)
+
+
+def test_more_samples_are_fainter():
+    one, many = (after(1, clock="stream", samples=k) for k in (1, 20))
+    one.render(), many.render()
+
+    def faintest(env):
+        lines = [line for line in env._canvas._figure.axes[0].lines if line.get_color() == FORECAST_COLOR]
+        assert len(lines) == 2 * env.samples
+        return {line.get_alpha() for line in lines}
+
+    assert max(faintest(many)) < min(faintest(one)) < 1
+
+
+def test_few_agents_are_labelled_with_the_end_of_their_names():
+    for people, labels in ((3, ["0", "1", "2"]), (13, [])):
+        env = after(0, clock="stream", people=people)
+        env.render()
+        assert [text.get_text() for text in env._canvas._figure.axes[0].texts] == labels
+    assert [name.rsplit("_", 1)[1] for name in after(0, clock="stream", people=3).agents] == ["0", "1", "2"]
+
+
+def test_the_title_tells_domain_clock_step_and_agents():
+    def title(env):
+        env.render()
+        return env._canvas._figure.texts[0].get_text()
+
+    assert title(after(0, clock="windows")) == "lanes, windows clock, step 0, 2 agents"
+    assert title(after(3, clock="windows")) == "lanes, windows clock, step 2, 2 agents", "the window that is drawn"
+    assert title(after(3, clock="stream", people=1)) == "lanes, stream clock, step 10, 1 agent"
+
+
+def test_title_and_legend_cover_neither_each_other_nor_the_data():
+    env = after(1, clock="windows")
+    env.render()
+    figure = env._canvas._figure
+    title, legend, axes = figure.texts[0], figure.legends[0], figure.axes[0]
+    boxes = [part.get_window_extent() for part in (title, legend, axes)]
+    for i, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[i + 1 :])
+        assert box.x0 >= 0 and box.x1 <= 720 and box.y1 <= 540
+
+
+def test_the_gymnasium_environment_draws_the_window_that_was_forecast():
+    env = WindowEnv(Lanes(3), samples=5, render_mode="rgb_array")
+    env.reset()
+    before = env.render()
+    action = np.zeros(env.action_space.shape, np.float32)
+    env.step(action)
+    zero = env.render()
+    env.reset()
+    np.testing.assert_array_equal(env.render(), before)
+    env.step(action + np.float32(3))
+    assert before.shape == zero.shape == (540, 720, 3)
+    assert not np.array_equal(zero, before) and not np.array_equal(env.render(), zero)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    "make", [lambda mode: ForecastEnv(Lanes(), render_mode=mode), lambda mode: WindowEnv(Lanes(), render_mode=mode)]
+)
+class TestErrors:
+    def test_without_a_mode(self, make):
+        env = make(None)
+        env.reset()
+        with pytest.raises(SpecError, match=r"made without a render_mode.*rgb_array"):
+            env.render()
+
+    def test_before_reset(self, make):
+        with pytest.raises(SpecError, match=r"nothing to render yet: call reset\(\)"):
+            make("rgb_array").render()
+
+    def test_a_mode_that_does_not_exist(self, make):
+        with pytest.raises(SpecError, match=r"no render_mode `humn`.*Did you mean `human`"):
+            make("humn")
+
+    def test_human_mode_warns_where_no_window_can_be_opened(self, make):
+        with pytest.warns(RuntimeWarning, match="will show nothing") as caught:
+            env = make("human")
+        assert caught[0].filename == __file__, "the warning points at the line that asked for it"
+        env.reset()
+        assert env.render() is None and len(plt.get_fignums()) == 1
+        pickle.loads(pickle.dumps(env))
+        assert len(plt.get_fignums()) == 1, "a copy opens no window of its own"
+        env.close()
+        assert not plt.get_fignums()
+
+
+def test_rgb_array_leaves_pyplot_alone():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        backend, figures = matplotlib.get_backend(), plt.get_fignums()
+        after(1, clock="windows").render()
+    assert (matplotlib.get_backend(), plt.get_fignums()) == (backend, figures)
+
+
+def test_a_place_without_extent_can_be_drawn():
+    canvas, env = Canvas("point", np.zeros((2, 2))), after(0, clock="stream", people=1)
+    canvas.update(0, env._step.observation, None, None)
+    assert canvas.image("rgb_array").shape == (540, 720, 3)

@@ -1,0 +1,339 @@
+"""Training: several seeds in one pass, killed and resumed, and what stops it."""
+
+import dataclasses
+import errno
+import os
+
+import numpy as np
+import pytest
+import torch
+
+import motion_gym as mg
+from motion_gym.contract import PredictorError, SpecError, Truth
+from motion_gym.data.domains import training_set
+from motion_gym.data.storage import StorageError
+from motion_gym.data.windows import pick_scenes
+from motion_gym.predictors.ego import EgoModular
+from motion_gym.predictors.networks import kernels
+from motion_gym.predictors.stgat import Counterfactual, Erm, ErmNoSigma, GroupDro, Invariant, VRex
+from motion_gym.predictors.training import objectives
+from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
+from motion_gym.training import loop as training
+
+EPOCHS = (1, 1, 3)
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Two environments of crossing agents, with a third feature."""
+
+    def with_feature(truth: Truth, scale: float) -> Truth:
+        seen = truth.observation
+        speed = np.linalg.norm(np.diff(seen.xy, axis=1, prepend=seen.xy[:, :1]), axis=-1, keepdims=True)
+        history = np.concatenate([seen.history, scale * (1 + speed)], axis=2).astype(np.float32)
+        return dataclasses.replace(truth, observation=dataclasses.replace(seen, history=history))
+
+    train, validation = training_set(mg.domain("orca", scenes=80))
+    return [
+        [with_feature(pick_scenes(t, slice(0, 70)), i + 1.0) for i, t in enumerate(part)]
+        for part in (train, validation)
+    ]
+
+
+def same(a, b):
+    """Whether two predictors have the same weights, bit for bit."""
+    return all(torch.equal(a.stacked[name], b.stacked[name]) for name in a.stacked)
+
+
+class Killed(Exception):
+    """Stands for the end of a process."""
+
+
+def kill_after(epoch):
+    """A report that ends the training."""
+
+    def report(progress):
+        if progress.epoch == epoch:
+            raise Killed
+
+    return report
+
+
+@pytest.mark.parametrize("kind", [Erm, ErmNoSigma, Invariant, VRex, GroupDro])
+def test_a_killed_training_resumes_to_the_same_weights(data, kind, tmp_path):
+    whole = kind().fit(*data, [0, 1], epochs=EPOCHS)
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(Killed):
+        kind().fit(*data, [0, 1], epochs=EPOCHS, checkpoint=checkpoint, every=2, report=kill_after(4))
+    seen = []
+    resumed = kind().fit(*data, [0, 1], epochs=EPOCHS, checkpoint=checkpoint, every=2, resume=True, report=seen.append)
+    # Killed in the fourth epoch, the last checkpoint after the second.
+    assert [progress.epoch for progress in seen] == [3, 4, 5]
+    assert same(whole, resumed)
+    assert whole.card["validation_ade"] == resumed.card["validation_ade"]
+
+
+def test_a_finished_training_goes_on_as_if_it_had_never_ended(data, tmp_path):
+    checkpoint = tmp_path / "a.checkpoint"
+    GroupDro().fit(*data, [0, 1], epochs=(1, 1, 2), checkpoint=checkpoint)
+    longer = GroupDro().fit(*data, [0, 1], epochs=(1, 1, 3), checkpoint=checkpoint, resume=True)
+    assert same(longer, GroupDro().fit(*data, [0, 1], epochs=(1, 1, 3)))
+    with pytest.raises(SpecError, match="has 5 epochs, more than the 4 asked for"):
+        GroupDro().fit(*data, [0, 1], epochs=(1, 1, 2), checkpoint=checkpoint, resume=True)
+
+
+def test_an_objective_begins_every_stage_anew(data):
+    made = GroupDro(rate=0.5)
+    program = program_of(data, Schedule((2, 1, 2), joint=True), made)
+    starts = []
+    program.state = lambda models: starts.append(models) or StgatProgram.state(program, models)
+    run = training._Run(program, [0], torch.device("cpu"))
+    states = []
+    for _ in range(5):
+        run.step()
+        states.append(run.state.clone())
+    assert len(starts) == 1 + 3
+    assert all((state - 1 / 3).abs().max() > 1e-3 for state in states)
+    assert len({id(run.state)}) == 1 and torch.allclose(states[0].sum(dim=0), torch.ones(1))
+
+
+def test_a_seed_does_not_depend_on_the_others(data):
+    together = Erm().fit(*data, [3, 4], epochs=(1, 1, 1))
+    alone = Erm().fit(*data, 4, epochs=(1, 1, 1))
+    # Sums of other shapes round otherwise, and training amplifies that.
+    distance = [
+        torch.cat(
+            [(alone.stacked[k][0] - value[model]).abs().flatten() for k, value in together.stacked.items()]
+        ).mean()
+        for model in (0, 1)
+    ]
+    assert distance[1] < 0.02 * distance[0]
+    assert distance[0] > 0.01
+
+
+def test_the_kept_weights_are_those_of_the_best_epoch(data):
+    made = Erm().fit(*data, [0, 1, 2], epochs=(1, 1, 4))
+    scores = np.array([entry["score"] for entry in made.card["curve"] if "score" in entry])
+    assert scores.shape == (4, 3)
+    np.testing.assert_allclose(made.card["validation_ade"], scores.min(axis=0))
+    assert made.card["epoch"] == [int(e) + 3 for e in scores.argmin(axis=0)]
+
+
+def test_training_lowers_the_error(data):
+    made = ErmNoSigma().fit(*data, [0, 1], epochs=(2, 2, 8))
+    scores = [np.mean(entry["score"]) for entry in made.card["curve"] if "score" in entry]
+    assert min(scores) < 0.8 * scores[0]
+
+
+def test_saved_seeds_are_found_again(data, tmp_path):
+    made = VRex(penalty=3).fit(*data, [5, 7], epochs=(1, 0, 1))
+    path = tmp_path / "vrex.safetensors"
+    made.save(path)
+    seen = data[1][0].observation
+    first, second = (VRex(path, seed=s, penalty=3).predict(seen).positions for s in (5, 7))
+    np.testing.assert_array_equal(first, made.predict(seen).positions)
+    assert np.abs(first - second).max() > 1e-3
+    with pytest.raises(PredictorError, match=r"no seed 6: \[5, 7\] of 2 are there"):
+        VRex(path, seed=6, penalty=3)
+    with pytest.raises(PredictorError, match="weights of vrex:penalty=3, not of vrex"):
+        VRex(path)
+    with pytest.raises(SpecError, match=r"is to use seed 9, and is to be trained with \[0\]"):
+        Erm(seed=9).fit(*data, epochs=EPOCHS)
+    with pytest.raises(PredictorError, match="trained with sigma"):
+        ErmNoSigma(path)
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(data, tmp_path):
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(Killed):
+        Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, every=1, report=kill_after(2))
+    with pytest.raises(SpecError, match=r"another configuration.*seeds: \[0\], now \[1\]"):
+        Erm().fit(*data, 1, epochs=EPOCHS, checkpoint=checkpoint, resume=True)
+    with pytest.raises(SpecError, match=r"another configuration.*predictor"):
+        Invariant().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, resume=True)
+    checkpoint.write_bytes(checkpoint.read_bytes()[:1000])
+    with pytest.raises(SpecError, match="is no checkpoint, or is damaged"):
+        Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, resume=True)
+
+
+def test_a_loss_that_is_not_finite_stops_and_keeps_the_checkpoint(data, tmp_path):
+    class Breaking(Erm):
+        """Its objective gives NaN for the second model once the third epoch is reached."""
+
+        def fit(self, *args, report, **options):
+            self.epoch = 0
+
+            def count(progress):
+                self.epoch = progress.epoch
+                report(progress)
+
+            return super().fit(*args, report=count, **options)
+
+        @property
+        def objective(self):
+            plain = super().objective
+
+            class Nan(type(plain)):
+                def __call__(inner, risks, state):
+                    loss = plain(risks, state)
+                    return loss * torch.tensor([1.0, float("nan") if self.epoch >= 2 else 1.0])
+
+            return Nan()
+
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(PredictorError, match=r"loss of seed 9 is nan in epoch 3 \(forecast\), step 1"):
+        Breaking().fit(*data, [8, 9], epochs=EPOCHS, checkpoint=checkpoint, every=1, report=lambda p: None)
+    content = torch.load(checkpoint, weights_only=True)
+    assert content["epoch"] == 2
+    assert all(torch.isfinite(value).all() for value in content["weights"].values())
+
+
+def test_weights_that_are_not_finite_stop_and_keep_the_checkpoint(data, tmp_path):
+    class Rooted(Erm):
+        """Its objective has the finite value 0, and a gradient that is not finite, in the second epoch."""
+
+        @property
+        def objective(self):
+            class Root(objectives.Erm):
+                steps = 0
+
+                def __call__(self, risks, state):
+                    loss = super().__call__(risks, state)
+                    self.steps += 1
+                    return loss if self.steps != 12 else (loss - loss.detach()).sqrt()
+
+            return Root()
+
+    checkpoint = tmp_path / "a.checkpoint"
+    with pytest.raises(PredictorError, match=r"The weight \S+ of seed 8 is nan in epoch 2"):
+        Rooted().fit(*data, 8, epochs=EPOCHS, checkpoint=checkpoint, every=1)
+    content = torch.load(checkpoint, weights_only=True)
+    assert content["epoch"] == 1
+    assert all(torch.isfinite(value).all() for value in content["weights"].values())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("weights", {}),
+        ("best", None),
+        ("epoch", -5),
+        ("score", torch.zeros(9)),
+        ("score", torch.tensor([torch.nan])),
+        ("adam", {}),
+    ],
+)
+def test_a_checkpoint_with_damaged_content_is_refused(data, tmp_path, key, value):
+    checkpoint = tmp_path / "a.checkpoint"
+    Erm().fit(*data, 0, epochs=(1, 0, 1), checkpoint=checkpoint)
+    content = torch.load(checkpoint, weights_only=True)
+    torch.save({**content, key: value}, checkpoint)
+    with pytest.raises(SpecError, match="is no checkpoint, or is damaged"):
+        Erm().fit(*data, 0, epochs=(1, 0, 2), checkpoint=checkpoint, resume=True)
+    checkpoint.write_bytes(b"")
+    with pytest.raises(SpecError, match="is no checkpoint, or is damaged"):
+        Erm().fit(*data, 0, epochs=(1, 0, 2), checkpoint=checkpoint, resume=True)
+
+
+def test_rates_that_decay_are_part_of_the_configuration(data, tmp_path):
+    checkpoint, seen = tmp_path / "a.checkpoint", []
+    whole = EgoModular().fit(*data, [0, 1], epochs=(4,), agents=64)
+    with pytest.raises(Killed):
+        EgoModular().fit(*data, [0, 1], epochs=(4,), agents=64, checkpoint=checkpoint, every=1, report=kill_after(3))
+    with pytest.raises(SpecError, match=r"decay_over: \[4\], now \[5\]"):
+        EgoModular().fit(*data, [0, 1], epochs=(5,), agents=64, checkpoint=checkpoint, resume=True)
+    options = {"agents": 64, "checkpoint": checkpoint, "resume": True, "report": seen.append}
+    assert same(EgoModular().fit(*data, [0, 1], epochs=(4,), **options), whole) and len(seen) == 2
+
+
+@pytest.mark.parametrize("seed", [[], [1, 1], None, "0", -1])
+def test_seeds_that_cannot_be_trained_are_refused(data, seed):
+    with pytest.raises(SpecError, match="seed"):
+        Erm().fit(*data, seed, epochs=EPOCHS)
+    assert Erm().fit(*data, np.int64(3), epochs=(1, 0, 1)).card["seeds"] == [3]
+
+
+def test_a_validation_score_that_is_not_finite_stops(data):
+    broken = [dataclasses.replace(truth, future=truth.future.copy()) for truth in data[1]]
+    broken[0].future[3, 5, 0] = np.nan
+    with pytest.raises(PredictorError, match=r"validation score of seed 0 is nan in epoch 3 \(forecast\)"):
+        Erm().fit(data[0], broken, epochs=EPOCHS)
+
+
+def test_an_empty_training_set_is_refused(data):
+    empty = [pick_scenes(truth, []) for truth in data[0]]
+    with pytest.raises(PredictorError, match="training set is empty"):
+        Erm().fit(empty, data[1])
+    with pytest.raises(PredictorError, match="training set is empty"):
+        Erm().fit([], data[1])
+    with pytest.raises(PredictorError, match="validation set is empty"):
+        Erm().fit(data[0], [])
+
+
+@pytest.mark.parametrize("kind", [Invariant, VRex, GroupDro])
+def test_one_environment_is_refused_where_several_are_compared(data, kind):
+    with pytest.raises(PredictorError, match=r"compares environments.*one alone"):
+        kind().fit(data[0][:1], data[1], epochs=EPOCHS)
+
+
+def test_one_environment_is_enough_for_erm(data):
+    assert Erm().fit(data[0][:1], data[1], epochs=(1, 0, 1)).card["validation_ade"][0] < 10
+
+
+def test_no_cuda_is_said_at_once(data):
+    if torch.cuda.is_available():
+        pytest.skip("there is a CUDA device")
+    with pytest.raises(SpecError, match="finds no CUDA device"):
+        Erm().fit(*data, device="cuda")
+
+
+def test_a_full_disk_leaves_the_last_checkpoint(data, tmp_path, monkeypatch):
+    checkpoint = tmp_path / "a.checkpoint"
+    written = os.fsync
+    calls = []
+
+    def full(descriptor):
+        calls.append(1)
+        if len(calls) > 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StorageError, match="No space left on device"):
+        Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, every=1)
+    assert torch.load(checkpoint, weights_only=True)["epoch"] == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a.checkpoint"]
+
+
+@pytest.mark.parametrize("kind", [Counterfactual, GroupDro])
+def test_plain_operations_of_torch_train_alike(data, kind, monkeypatch):
+    # What runs on a GPU, on the CPU.
+    by_kernels = kind().fit(*data, [0, 1], epochs=(1, 1, 1))
+    monkeypatch.setattr(kernels, "serve", lambda x: False)
+    plainly = kind().fit(*data, [0, 1], epochs=(1, 1, 1))
+    for a, b in zip(by_kernels.card["curve"], plainly.card["curve"], strict=True):
+        assert a["loss"] == pytest.approx(b["loss"], rel=2e-3)
+    np.testing.assert_allclose(by_kernels.card["validation_ade"], plainly.card["validation_ade"], rtol=2e-2)
+
+
+def test_steps_in_turn_hold_every_scene_once(data):
+    program = program_of(data, Schedule(scenes=10))
+    seen = np.concatenate([batch.steps.numpy()[1, :, 0] for batch in program._in_turn()])
+    every = np.concatenate([truth.observation.xy[:, 1, 0] - truth.observation.xy[:, 0, 0] for truth in data[0]])
+    np.testing.assert_allclose(seen, every, atol=1e-4)
+
+
+def test_joint_steps_hold_every_environment(data):
+    uneven = [[pick_scenes(data[0][0], slice(0, 12)), *data[0][1:]], data[1]]
+    program = program_of(uneven, Schedule(scenes=12, joint=True))
+    assert len(list(program._shuffled(0))) == 13
+    for step in program._shuffled(1):
+        assert [len(scenes) for _, scenes in step] == [4, 4, 4]
+    first, again, other = (np.concatenate([s for step in program._shuffled(e) for _, s in step]) for e in (1, 1, 2))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def program_of(data, schedule, made=None):
+    """The program of a predictor, ERM by default, on a schedule."""
+    made = made or Erm()
+    return StgatProgram(*data, 3, made._inputs, made.objective, False, schedule, torch.device("cpu"), {})
