@@ -28,7 +28,7 @@ class Tracks:
         tick: [R] int64, index of the row's frame among the listed frames.
         track: [R] int64, which unbroken track the row belongs to, 0 .. T - 1.
         agent: [R] int64, id of the agent as in the recording, shifted so that none is negative.
-        xy: [R, 2] float64, metres.
+        xy: [R, 2] float64, positions relative to the origin of the recording.
         age: [R] int64, rows of the same track before this one.
         left: [R] int64, rows of the same track after this one.
         ticks: Number of listed frames.
@@ -64,7 +64,8 @@ class Tracks:
         length = np.diff(np.append(start, len(tick)))
         age = np.arange(len(tick)) - np.repeat(start, length)
         left = np.repeat(length, length) - 1 - age
-        return cls(tick, track, agent, recording.xy[order], age, left, len(frames), recording.dt)
+        xy = (recording.xy - recording.origin)[order]
+        return cls(tick, track, agent, xy, age, left, len(frames), recording.dt)
 
     def complete(self) -> np.ndarray:
         """Rows that are the last observed step of 20 consecutive steps of an agent."""
