@@ -61,7 +61,10 @@ def read_recording(
         SpecError: ``dt`` or ``columns`` is not allowed.
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise SpecError(f"path is a {type(path).__name__}; give the name of a text file.")
+        raise SpecError(
+            f"path={path!r} is not text: give the name of a file, and quote it in a spec where it looks like a number, "
+            "as in \"path='2024'\"."
+        )
     path = Path(path)
     if not isinstance(columns, Sequence) or not all(isinstance(c, int) and not isinstance(c, bool) for c in columns):
         raise SpecError(f"columns={columns!r} must be four column numbers, counted from 0: those of frame, id, x and y")
