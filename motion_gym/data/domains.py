@@ -165,8 +165,10 @@ def _makes(kind: type[RecordedDomain], given: Mapping[str, Any], all_of_them: Ma
 def freeze(truth: Truth) -> Truth:
     """Make every array of a truth read-only, so that nobody who is given it can change it for others."""
     observation = truth.observation
-    for array in (truth.future, truth.known, observation.history, observation.scene, observation.agent):
-        array.flags.writeable = False
+    arrays = (truth.future, truth.known, observation.history, observation.scene, observation.agent, observation.time)
+    for array in arrays:
+        if array is not None:
+            array.flags.writeable = False
     return truth
 
 
