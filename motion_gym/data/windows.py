@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, Truth
+from motion_gym.data import storage
 from motion_gym.data.recordings import check_recording
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -275,9 +275,7 @@ def empty_truth(features: int, dt: float) -> Truth:
 
 
 def digest(truth: Truth) -> dict[str, Any]:
-    """Counts of a truth, and sha256 of what it holds."""
+    """Counts of a truth, and sha256 of its histories, scenes and futures."""
     seen = truth.observation
-    sha = hashlib.sha256()
-    for array in (seen.history, seen.scene, truth.future, truth.known):
-        sha.update(np.ascontiguousarray(array).tobytes())
-    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha.hexdigest()}
+    sha256 = storage.digest(seen.history, seen.scene, truth.future, truth.known)
+    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha256}
