@@ -82,6 +82,8 @@ class Orca(RecordedDomain):
     terms = "free"
     oracle = "orca_oracle"
     headline = ("d",)
+    same_world = ("d", "agents", "radius", "horizon", "speed", "scenes")
+    """Crowds of one seed begin alike: with two agents every d has the same starts."""
     dt = 0.4
     first_frame = FIRST * TIME_STEP
     """Seconds of walking up to the first frame."""

@@ -80,12 +80,16 @@ class Observation:
         scene: [S + 1] int64; agents of scene ``s`` are ``scene[s]:scene[s + 1]``.
         agent: [A] int64; stable id of each agent within its domain and split.
         dt: Seconds per step.
+        time: [S] int64, when each scene was observed: its last observed listed frame, counted over all recordings of
+            the split or stream. With ``agent`` it identifies a scene, also where two scenes look alike. None where
+            the time is not known.
     """
 
     history: np.ndarray
     scene: np.ndarray
     agent: np.ndarray
     dt: float
+    time: np.ndarray | None = None
 
     def __len__(self) -> int:
         """Number of agents, all scenes together."""
@@ -168,7 +172,8 @@ class Card:
         unit: Unit of positions.
         features: Names of the features of a history, in order.
         side_channels: Those features that read the future (oracle side channels).
-        counts: Scenes (windows), agent-windows and agents of the splits that were read so far.
+        counts: For each split read so far: ``scenes`` (windows), ``agent_windows`` and ``agents`` that are scored, and
+            ``recorded_agent_windows`` and ``recorded_agents`` of the recordings they are cut from.
         source: Where the data comes from.
         terms: Terms of use of the data.
         files: sha256 of each data file.
@@ -229,15 +234,20 @@ class Predictor(Protocol):
 
 @runtime_checkable
 class Domain(Protocol):
-    """A source of recordings; one class in one file."""
+    """A source of recordings. Subclass ``motion_gym.RecordedDomain``, which derives all but ``recordings``."""
 
     @property
     def card(self) -> Card:
         """What this domain is."""
         ...
 
+    @property
+    def world(self) -> str:
+        """What domains have in common whose frames show the same people at the same time."""
+        ...
+
     def recordings(self, split: str) -> Sequence[Recording]:
-        """Recordings of a split, for the stream clock."""
+        """Recordings of a split; the stream clock replays them, and all windows are cut from them."""
         ...
 
     def windows(self, split: str) -> Truth:
