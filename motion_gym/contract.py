@@ -137,12 +137,16 @@ class Observation:
         scene: [S + 1] int64; agents of scene ``s`` are ``scene[s]:scene[s + 1]``.
         agent: [A] int64; stable id of each agent within its domain and split.
         dt: Seconds per step.
+        time: [S] int64, when each scene was observed: its last observed listed frame, counted over all recordings of
+            the split or stream. With ``agent`` it identifies a scene, also where two scenes look alike. None where
+            the time is not known.
     """
 
     history: np.ndarray
     scene: np.ndarray
     agent: np.ndarray
     dt: float
+    time: np.ndarray | None = None
 
     def __len__(self) -> int:
         """Number of agents, all scenes together."""

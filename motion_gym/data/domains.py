@@ -206,8 +206,10 @@ def _absolute(value: Any) -> Any:
 def freeze(truth: Truth) -> Truth:
     """Make every array of a truth read-only, so that nobody who is given it can change it for others."""
     observation = truth.observation
-    for array in (truth.future, truth.known, observation.history, observation.scene, observation.agent):
-        array.flags.writeable = False
+    arrays = (truth.future, truth.known, observation.history, observation.scene, observation.agent, observation.time)
+    for array in arrays:
+        if array is not None:
+            array.flags.writeable = False
     return truth
 
 

@@ -86,11 +86,16 @@ class Tracks:
         positions[~known] = 0
         return positions, known
 
-    def truth(self, row: np.ndarray, scene: np.ndarray, agent: np.ndarray, features: Features) -> Truth:
-        """Observation and truth of the agents at the given rows (their last observed steps)."""
+    def truth(
+        self, row: np.ndarray, scene: np.ndarray, agent: np.ndarray, features: Features, before: int = 0
+    ) -> Truth:
+        """Observation and truth of the agents at the given rows (their last observed steps).
+
+        ``before`` is the number of listed frames of the recordings that come before this one.
+        """
         positions, known = self.around(row)
         history = features(positions, known).astype(np.float32)
-        observation = Observation(history, scene, agent, self.dt)
+        observation = Observation(history, scene, agent, self.dt, self.tick[row[scene[:-1]]] + before)
         return Truth(positions[:, HISTORY:].astype(np.float32), known[:, HISTORY:], observation)
 
 
@@ -133,7 +138,7 @@ def cut_windows(
     """
     min_agents = whole_number("min_agents", min_agents, 0, 1_000_000)
     stride = whole_number("stride", stride, 1, 1_000_000)
-    parts, shift = [], 0
+    parts, shift, ticks = [], 0, 0
     for tracks in places:
         row = tracks.complete()
         start = tracks.tick[row] - (HISTORY - 1)
@@ -143,8 +148,9 @@ def cut_windows(
         row, start = row[enough], start[enough]
         row = row[np.lexsort((tracks.agent[row], start))]
         scene = offsets(count[count >= max(min_agents, 1)])
-        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features))
+        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features, ticks))
         shift += int(tracks.agent.max(initial=-1)) + 1
+        ticks += tracks.ticks
     return stack(parts)
 
 
@@ -162,11 +168,13 @@ def stack(parts: Sequence[Truth]) -> Truth:
     if len(parts) == 1:
         return parts[0]
     sizes = np.concatenate([np.diff(p.observation.scene) for p in parts])
+    times = [p.observation.time for p in parts if p.observation.time is not None]
     observation = Observation(
         np.concatenate([p.observation.history for p in parts]),
         offsets(sizes),
         np.concatenate([p.observation.agent for p in parts]),
         parts[0].observation.dt,
+        np.concatenate(times) if len(times) == len(parts) else None,
     )
     return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
 
@@ -182,7 +190,8 @@ def pick_scenes_of(observation: Observation, scenes: np.ndarray | list[int] | sl
     rows = rows_of(observation, scenes)
     sizes = observation.scene[1:][scenes] - observation.scene[:-1][scenes]
     scene = offsets(sizes)
-    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt)
+    time = None if observation.time is None else observation.time[scenes]
+    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt, time)
 
 
 def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) -> np.ndarray:
@@ -215,6 +224,7 @@ def check_truth(truth: Any, what: str) -> Truth:
         ("history", seen.history, (agents, HISTORY, -1), "float32"),
         ("agent", seen.agent, (agents,), "int64"),
         ("scene", seen.scene, (-1,), "int64"),
+        *([] if seen.time is None else [("time", seen.time, (len(seen.scene) - 1,), "int64")]),
     ):
         right = isinstance(array, np.ndarray) and array.dtype == kind and array.ndim == len(shape)
         if not right or any(n not in (m, -1) for m, n in zip(array.shape, shape, strict=True)):
@@ -255,7 +265,11 @@ def recorded_counts(places: Sequence[Tracks]) -> dict[str, int]:
 def empty_truth(features: int, dt: float) -> Truth:
     """A truth of no scenes."""
     observation = Observation(
-        np.zeros((0, HISTORY, features), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
+        np.zeros((0, HISTORY, features), np.float32),
+        np.zeros(1, np.int64),
+        np.zeros(0, np.int64),
+        dt,
+        np.zeros(0, np.int64),
     )
     return Truth(np.zeros((0, FUTURE, 2), np.float32), np.zeros((0, FUTURE), bool), observation)
 
