@@ -180,9 +180,10 @@ def checked(answer: Any, observation: Observation, samples: int, name: str) -> F
 
 
 def frozen(observation: Observation) -> Observation:
-    """A copy of an observation whose arrays cannot be written to; nothing but its four fields goes along."""
+    """A copy of an observation whose arrays cannot be written to; nothing but its fields goes along."""
     history, scene, agent = (_locked(a) for a in (observation.history, observation.scene, observation.agent))
-    return Observation(history, scene, agent, float(observation.dt))
+    time = None if observation.time is None else _locked(observation.time)
+    return Observation(history, scene, agent, float(observation.dt), time)
 
 
 def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
