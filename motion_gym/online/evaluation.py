@@ -349,7 +349,13 @@ def _card(
         predictor=name,
         stream=played.name,
         domains={
-            label: {"parameters": dict(card.parameters), "files": dict(card.files)} for label, card in cards.items()
+            label: {
+                "parameters": dict(card.parameters),
+                "files": dict(card.files),
+                "unit": card.unit,
+                "dt": card.dt,
+            }
+            for label, card in cards.items()
         },
         labels=labels,
         scope=scope,
