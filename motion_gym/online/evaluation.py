@@ -342,8 +342,7 @@ def _card(
             )
         )
     cards = {label: s.domain.card for label, s in zip(played.labels, played.segments, strict=True)}  # type: ignore[union-attr]
-    trained_on = getattr(run.predictor, "trained_on", ())
-    leaks = [declared_leaks(d.card, False, False, trained_on, type(d)) for d in played.domains]
+    leaks = [declared_leaks(d, run.predictor, played.split) for d in played.domains]
     if hasattr(run.predictor, "know"):
         leaks.append((f"{name} is told which domain is played, and could know what is to come",))
     return OnlineCard(
