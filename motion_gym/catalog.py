@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
 
-from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError, raised_at
+from motion_gym.contract import Domain, MotionGymError, ParameterError, Predictor, SpecError, raised_at
 
 
 @dataclass(frozen=True)
@@ -281,7 +281,7 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
                     "of)`, and adapt a copy, `copy.deepcopy(of)`."
                 )
             if key not in known:
-                raise SpecError(f"{kind.capitalize()} `{name}` has no parameter `{key}`.{suggest(key, known)}")
+                raise ParameterError(f"{kind.capitalize()} `{name}` has no parameter `{key}`.{suggest(key, known)}")
     try:
         return _having(factory(**arguments), needs, kind)
     except TypeError as error:
