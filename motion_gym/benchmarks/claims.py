@@ -15,7 +15,7 @@ import numpy as np
 from motion_gym.benchmarks.conditions import measured
 from motion_gym.benchmarks.seed_tables import Errors, Found, over_seeds
 from motion_gym.benchmarks.significance import holm, paired_p
-from motion_gym.benchmarks.table import Code, Table, number, p_text, percent, spread
+from motion_gym.benchmarks.table import Code, Table, p_text, percent, spread
 from motion_gym.contract import SpecError
 
 LEVEL = 0.05
@@ -67,9 +67,7 @@ class Claim:
     def test(self) -> str:
         """The test in words."""
         low, high = self.ratio
-        span = (
-            f"at most {high:.2f}" if not low else f"{low:.2f} or more" if np.isinf(high) else f"{low:.2f} to {high:.2f}"
-        )
+        span = f"at most {high:.2f}" if not low else f"{low:.2f} to {high:.2f}".replace(" to inf", " or more")
         text = "lower" if self.ratio == (0.0, 1.0) else f"ratio of means {span}"
         text += " for each seed" if self.each_seed else ""
         corrected = "corrected " if self.where == EVERYWHERE else ""

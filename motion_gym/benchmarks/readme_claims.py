@@ -231,6 +231,9 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "Tuning the modulator alone is not better than tuning everything after a sudden change of style": _lower(
             TUNED[2:3], TUNED[:1], ["sudden"], panel="style", where=NOWHERE
         ),
+        "Up to 200 matured forecasts, tuning the modulator alone has a higher mean error than tuning everything": _mean(
+            TUNED[:1], TUNED[2:3], [f"last 50 at {n}" for n in (50, 100, 150, 200)], panel="style"
+        ),
         "When d = 0.3 comes back, the error has grown by 11 to 32 % where weights were adapted": _mean(
             WEIGHTS_ADAPTED, ["none"], ["on return"], panel="style", ratio=(1.11, 1.32)
         ),
