@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 from typing import Any
 
@@ -119,7 +120,7 @@ def input_(trial: PredictorTrial) -> None:
     for method, arguments in calls:
         if not hasattr(predictor, method):
             continue
-        before = snapshot(arguments := writable(arguments))
+        before = snapshot(arguments := copy.deepcopy(arguments))
         try:
             with global_randomness():
                 guarded(predictor, method, *arguments)
