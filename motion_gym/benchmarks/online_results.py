@@ -14,6 +14,7 @@ from motion_gym.data.storage import check_writable
 from motion_gym.online.evaluation import Report, evaluate_online
 from motion_gym.online.streams import Stream
 from motion_gym.stepping.harness import name_of
+from motion_gym.training.provenance import versions
 
 SCHEMA = "online-1"
 
@@ -53,7 +54,7 @@ def run(
         "segments": [[label, s.start, s.stop] for label, s in zip(on.labels, on.segments, strict=True)],
         "data": _digest(on),
         "options": {key: value for key, value in sorted(options.items())},
-        "motion_gym": results.versions()["motion-gym"],
+        "motion_gym": versions()["motion-gym"],
         "motion_gym_code": results.package_code(),
     }
 

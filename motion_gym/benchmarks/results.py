@@ -5,13 +5,11 @@ from __future__ import annotations
 import datetime
 import functools
 import hashlib
-import importlib.metadata
 import inspect
 import json
 import os
 import platform
 import re
-import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -25,8 +23,8 @@ from motion_gym.data.domains import spec_of
 from motion_gym.data.storage import write_atomic
 from motion_gym.scoring.evaluation import default_k, evaluate
 from motion_gym.stepping.harness import windows_of_domain
+from motion_gym.training.provenance import commit, versions
 
-PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
 SCHEMA = 2
 IDENTIFIED = ("predictor", "domain", "split", "protocol", "k", "seed", "references", "shots")
 """Names of what ``key_of`` gives."""
@@ -168,18 +166,6 @@ def key_of(result: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 @functools.cache
-def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that a number may depend on."""
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
-
-
-@functools.cache
 def package_code() -> str:
     """sha256 of all source files of motion-gym, its domains and its predictors."""
     here = Path(__file__).parent.parent
@@ -187,25 +173,6 @@ def package_code() -> str:
     for path in sorted([*here.rglob("*.py")]):
         digest.update(path.relative_to(here).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
-
-
-@functools.cache
-def commit() -> str | None:
-    """Commit of the checkout that motion-gym runs from, with ``+`` if it was changed since; None outside of one."""
-    here = Path(__file__).resolve().parent.parent.parent
-
-    def git(*arguments: str) -> str:
-        return subprocess.run(
-            ["git", "-C", str(here), *arguments], capture_output=True, text=True, timeout=10, check=True
-        ).stdout.strip()
-
-    try:
-        if Path(git("rev-parse", "--show-toplevel")).resolve() != here:
-            return None
-        changed = git("status", "--porcelain", "--", "*.py")
-        return git("rev-parse", "HEAD") + ("+" if changed else "")
-    except (OSError, subprocess.SubprocessError):
-        return None
 
 
 def domain_key(domain: Domain) -> str:

@@ -18,6 +18,7 @@ from motion_gym.benchmarks import marked_block, results, score_tables
 from motion_gym.benchmarks.table import Table
 from motion_gym.cli import adapt as cli_online
 from motion_gym.cli import training as cli_training
+from motion_gym.cli.draw import draw
 from motion_gym.cli.output import console, progress_bar, say
 from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError, SpecError
 from motion_gym.data import datasets
@@ -265,6 +266,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "table": table,
     "ls": ls,
     "check": check,
+    "draw": draw,
     "data": data,
 }
 

@@ -12,8 +12,9 @@ import pytest
 
 import motion_gym
 from motion_gym.benchmarks import results
-from motion_gym.benchmarks.results import commit, read, read_folder, run, spec_of
+from motion_gym.benchmarks.results import read, read_folder, run, spec_of
 from motion_gym.contract import DataError
+from motion_gym.training.provenance import commit
 
 make: Any = motion_gym.domain
 CROWD = make("orca", d=0.6, scenes=30)
