@@ -83,6 +83,7 @@ class Orca(RecordedDomain):
     oracle = "orca_oracle"
     headline = ("d",)
     dt = 0.4
+    engine = ENGINE_VERSION
     first_frame = FIRST * TIME_STEP
     """Seconds of walking up to the first frame."""
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.benchmarks.results import commit, versions
+from motion_gym.data.provenance import commit, versions
 from motion_gym.catalog import format_spec, whole_number
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.training import loop as training

@@ -1,0 +1,76 @@
+"""The verb that lists what there is, and explains one of it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+from rich.markup import escape
+from rich.table import Table
+
+from motion_gym import catalog
+from motion_gym.benchmarks.running import BENCHMARKS, benchmark
+from motion_gym.cli.output import console, say
+from motion_gym.contract import SpecError
+from motion_gym.data import datasets
+from motion_gym.metrics.errors import METRICS
+from motion_gym.scoring.evaluation import PROTOCOLS
+
+
+def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None) -> None:
+    """List domains, predictors, adapters, benchmarks, protocols, metrics and data sets, or explain one.
+
+    Args:
+        name: Domain, predictor or adapter to explain, with its parameters; nothing lists them all.
+    """
+    if name is not None:
+        _explain(name)
+        return
+    _list(
+        "Domains  (name:parameter=value; also environments motion_gym/ID)",
+        ("name", "id", "what"),
+        [(key, entry.env_id or "", entry.summary) for key, entry in catalog.DOMAINS.items()],
+    )
+    _list(
+        "Predictors  (or your own: module:Class)",
+        ("name", "what"),
+        [(key, entry.summary) for key, entry in catalog.PREDICTORS.items()],
+    )
+    _list(
+        "Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)",
+        ("name", "what"),
+        [(key, entry.summary) for key, entry in catalog.ADAPTERS.items()],
+    )
+    _list(
+        "Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)",
+        ("name", "what"),
+        [(key, benchmark(key).title) for key in BENCHMARKS],
+    )
+    _list("Protocols", ("name", "what"), list(PROTOCOLS.items()))
+    _list("Metrics", ("name", "unit", "what"), [(m.name, m.unit, m.description) for m in METRICS])
+    _list("Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()])
+
+
+def _explain(name: str) -> None:
+    target, _ = catalog.parse_spec(name)
+    known = {**catalog.DOMAINS, **catalog.PREDICTORS, **catalog.ADAPTERS}
+    if target not in known and ":" not in target:
+        raise SpecError(f"There is nothing of the name `{name}`.{catalog.suggest(name, known)} Your own: module:Class.")
+    entry = known.get(target)
+    kind = catalog.load_class(entry.target if entry else target)
+    say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")
+    parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
+    if parent is not None and "## Arguments" not in (kind.__doc__ or ""):
+        say(f"\n{inspect.getdoc(parent)}")
+
+
+def _list(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    shown = Table(title=f"[bold]{title}", title_justify="left", header_style="bold", box=None, padding=(0, 2, 0, 0))
+    for name in header:
+        shown.add_column(name)
+    for row in rows:
+        shown.add_row(*(escape(cell) for cell in row))
+    console.print(shown)
+    console.print()
