@@ -60,6 +60,7 @@ class EthUcy(RecordedDomain):
     test_files: ClassVar[tuple[str, ...]]
     columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     headline = ("alpha",)
+    same_world = ("alpha", "sigma", "curvature", "min_agents", "stride", "reference_share")
     tests_on_train = True
     source = "ETH (BIWI walking pedestrians) and UCY (crowds by example)"
     terms = "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
@@ -201,8 +202,7 @@ class Eth6(EthUcy):
     name = "eth6"
     training_files = test_files = ("biwi_eth_obsmat_6frame.txt",)
     columns = (0, 1, 2, 4)
-    world = "eth"
-    """The same people: a stream plays them once."""
+    place = "eth"
 
 
 class Hotel(EthUcy):

@@ -13,7 +13,7 @@ from motion_gym.catalog import whole_number
 from motion_gym.contract import WINDOW, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.storage import cached_arrays
-from motion_gym.envs.rvo import ENGINE_VERSION, simulate
+from motion_gym.envs.orca_engine.simulation import ENGINE_VERSION, simulate
 
 STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
 """Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""
@@ -82,6 +82,8 @@ class Orca(RecordedDomain):
     terms = "free"
     oracle = "orca_oracle"
     headline = ("d",)
+    same_world = ("d", "agents", "radius", "horizon", "speed", "scenes")
+    """Crowds of one seed begin alike: with two agents every d has the same starts."""
     dt = 0.4
     engine = ENGINE_VERSION
     first_frame = FIRST * TIME_STEP
@@ -151,7 +153,7 @@ class Orca(RecordedDomain):
                 f"dropped: give a radius above {self.radius:g} m, a speed below {self.speed:g} m/s, or more scenes."
             )
         return {
-            "positions": simulation.positions[keep],
+            "positions": simulation.positions[keep].astype(np.float32),  # exact: the origin is zero here
             "first_infeasible": simulation.first_infeasible[keep],
         }
 

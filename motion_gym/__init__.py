@@ -9,8 +9,7 @@ from motion_gym.stepping.registration import register_all
 
 if TYPE_CHECKING:
     from motion_gym.benchmarks.running import benchmark
-    from motion_gym.checks.adapter_checks import check_adapter
-    from motion_gym.checks.checker import check_domain, check_predictor
+    from motion_gym.checks.checker import check_adapter, check_domain, check_predictor
     from motion_gym.checks.leaks import leak_probe
     from motion_gym.data.domains import RecordedDomain
     from motion_gym.data.recordings import read_recording
@@ -33,7 +32,7 @@ _LAZY = {
     "RecordedDomain": "motion_gym.data.domains",
     "Scorecard": "motion_gym.scoring.evaluation",
     "benchmark": "motion_gym.benchmarks.running",
-    "check_adapter": "motion_gym.checks.adapter_checks",
+    "check_adapter": "motion_gym.checks.checker",
     "check_domain": "motion_gym.checks.checker",
     "check_predictor": "motion_gym.checks.checker",
     "compare": "motion_gym.scoring.evaluation",

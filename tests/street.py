@@ -20,6 +20,7 @@ class Street(RecordedDomain):
 
     name = "street"
     headline = ("style",)
+    same_world = ("style", "noise")
 
     def __init__(
         self,

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
 from typing import Annotated
 
 import tyro
-from rich.markup import escape
-from rich.table import Table
 
 from motion_gym import catalog
 from motion_gym.benchmarks.running import BENCHMARKS, benchmark
-from motion_gym.cli.output import console, say
+from motion_gym.cli.output import list_rows, say
 from motion_gym.contract import SpecError
 from motion_gym.data import datasets
 from motion_gym.metrics.errors import METRICS
@@ -28,29 +25,31 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
     if name is not None:
         _explain(name)
         return
-    _list(
+    list_rows(
         "Domains  (name:parameter=value; also environments motion_gym/ID)",
         ("name", "id", "what"),
         [(key, entry.env_id or "", entry.summary) for key, entry in catalog.DOMAINS.items()],
     )
-    _list(
+    list_rows(
         "Predictors  (or your own: module:Class)",
         ("name", "what"),
         [(key, entry.summary) for key, entry in catalog.PREDICTORS.items()],
     )
-    _list(
+    list_rows(
         "Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)",
         ("name", "what"),
         [(key, entry.summary) for key, entry in catalog.ADAPTERS.items()],
     )
-    _list(
+    list_rows(
         "Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)",
         ("name", "what"),
         [(key, benchmark(key).title) for key in BENCHMARKS],
     )
-    _list("Protocols", ("name", "what"), list(PROTOCOLS.items()))
-    _list("Metrics", ("name", "unit", "what"), [(m.name, m.unit, m.description) for m in METRICS])
-    _list("Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()])
+    list_rows("Protocols", ("name", "what"), list(PROTOCOLS.items()))
+    list_rows("Metrics", ("name", "unit", "what"), [(m.name, m.unit, m.description) for m in METRICS])
+    list_rows(
+        "Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()]
+    )
 
 
 def _explain(name: str) -> None:
@@ -64,13 +63,3 @@ def _explain(name: str) -> None:
     parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
     if parent is not None and "## Arguments" not in (kind.__doc__ or ""):
         say(f"\n{inspect.getdoc(parent)}")
-
-
-def _list(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    shown = Table(title=f"[bold]{title}", title_justify="left", header_style="bold", box=None, padding=(0, 2, 0, 0))
-    for name in header:
-        shown.add_column(name)
-    for row in rows:
-        shown.add_row(*(escape(cell) for cell in row))
-    console.print(shown)
-    console.print()

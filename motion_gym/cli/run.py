@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from motion_gym.benchmarks import insertion, running, store
+from motion_gym.benchmarks import marked_block, running, store
 from motion_gym.cli.output import Out, Text, console, progress_bar, reporter, say, session_of
 from motion_gym.contract import PredictorError
 from motion_gym.data.storage import StorageError
@@ -62,7 +62,7 @@ def run(
     count = running.processes(jobs)
     folder = (out or FOLDER) / chosen.name
     if into is not None:
-        insertion.check_markers(into, chosen.name)
+        marked_block.check_markers(into, chosen.name)
     own = predictor or adapter
     arguments = ["run", benchmark, *predictor, "adapters", *adapter, "shifts", *shift, "of", str(of)]
     session = session_of(folder, arguments, resume) if own else None
@@ -85,7 +85,7 @@ def run(
         console.print(table)
     if into is not None:
         text = "\n\n".join(table.markdown(heading=0) for table in tables)
-        changed = insertion.insert(into, chosen.name, text)
+        changed = marked_block.insert(into, chosen.name, text)
         say(f"{into}: {'written' if changed else 'already up to date'}")
     if pack:
         results.kept.pack(out or FOLDER)

@@ -1,30 +1,43 @@
-"""A base class that turns recordings into a whole domain; using it is a convenience, not a duty."""
+"""RecordedDomain: the class that every domain subclasses. A domain gives recordings; the library cuts windows."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from motion_gym.catalog import format_spec, suggest
 from motion_gym.contract import HISTORY, Card, Domain, Recording, SpecError, Truth
-from motion_gym.data.windows import counts, empty_truth, windows_of
+from motion_gym.data.windows import Tracks, counts, cut_windows, empty_truth, recorded_counts
 
 Kept = TypeVar("Kept")
 
 TrainingSet = tuple[list[Truth], list[Truth]]
 """Training and validation truths, one of each per environment."""
 
+LIBRARY_METHODS = {
+    "windows": "give recordings(split), and the library cuts all windows; min_agents and stride choose among them",
+    "reference": 'give the reference scenes as recordings("reference"), which must not share people with those scored',
+    "history": "give features(history), which receives the observed steps alone, or declare side_channels",
+}
+"""What a subclass of RecordedDomain must not define, and what it gives instead."""
+
 
 class RecordedDomain:
-    """A domain made of recordings: a subclass gives ``recordings(split)``, everything else follows.
+    """A domain: a subclass gives ``recordings(split)``, and the library derives everything else.
 
-    A subclass may add features to the history in two ways. ``features`` receives the 8 observed steps alone, so it
-    cannot read the future. ``side_channels`` receives all 20 steps and is named on the card, in every result and by
-    the leak probe.
+    The library alone cuts windows, so that no window can show a predictor anything that the recordings of its split do
+    not hold. A subclass may add columns to the history in two ways. ``features`` receives the 8 observed steps alone,
+    so it cannot read the future. ``side_channels`` receives all 20 steps and is named on the card and in every result.
+
+    Observations, ground truth and the arguments of ``features`` and ``side_channels`` are positions relative to
+    ``Recording.origin``; add it to get positions in the frame of the source.
+
+    Raises:
+        SpecError: a subclass defines ``windows``, ``reference`` or ``history``.
     """
 
     name: ClassVar[str] = "recorded"
@@ -37,14 +50,24 @@ class RecordedDomain:
     """Parameters that tables show even at their defaults, unless these are None."""
     tests_on_train: ClassVar[bool] = False
     """Whether the windows of ``test`` include those of ``train``: trained here, a predictor must not be tested here."""
+    place: ClassVar[str] = ""
+    """First part of ``world``, where several domains show the same people; by default the name."""
+    same_world: ClassVar[tuple[str, ...]] = ()
+    """Parameters that do not change which people the frames show; ``world`` leaves them out."""
     dt: float = 0.4
     min_agents: int = 1
     stride: int = 1
     feature_names: tuple[str, ...] = ()
     side_channel_names: tuple[str, ...] = ()
 
+    def __init_subclass__(cls, **keywords: Any):
+        super().__init_subclass__(**keywords)
+        for method, remedy in LIBRARY_METHODS.items():
+            if method in vars(cls):
+                raise SpecError(f"Domain class {cls.__name__} must not define `{method}`: {remedy}.")
+
     def recordings(self, split: str) -> Sequence[Recording]:
-        """Recordings of a split."""
+        """Recordings of a split; the stream clock replays them, and all windows are cut from them."""
         raise NotImplementedError(f"{type(self).__name__} must define recordings(split).")
 
     def features(self, history: np.ndarray) -> np.ndarray:
@@ -71,7 +94,7 @@ class RecordedDomain:
         return self.kept(f"windows of {split}", lambda: self._windows(split))
 
     def reference(self) -> Truth:
-        """Reference scenes, disjoint from those of the test split."""
+        """Reference scenes: the windows of the split ``reference``."""
         return self.windows("reference")
 
     def sources(self) -> list[RecordedDomain]:
@@ -87,6 +110,15 @@ class RecordedDomain:
     def replace(self, **changes: Any) -> RecordedDomain:
         """The same domain with some parameters changed."""
         return type(self)(**{**self.parameters, **changes})
+
+    @property
+    def world(self) -> str:
+        """What this domain has in common with every domain whose frames show the same people at the same time.
+
+        The place and all parameters but those of ``same_world``; existing files by their absolute path.
+        """
+        chosen = {k: _absolute(v) for k, v in self.parameters.items() if k not in self.same_world}
+        return format_spec(self.place or self.name, chosen)
 
     @property
     def files(self) -> Mapping[str, str]:
@@ -123,15 +155,17 @@ class RecordedDomain:
         return store[what]
 
     def _windows(self, split: str) -> Truth:
-        recordings = self.recordings(split)
-        if not recordings:
-            return freeze(empty_truth(2 + len(self.feature_names) + len(self.side_channel_names), self.dt))
-        return freeze(windows_of(recordings, self.history, self.min_agents, self.stride))
+        tracks = [Tracks.of(recording) for recording in self.recordings(split)]
+        if tracks:
+            truth = cut_windows(tracks, self.history, self.min_agents, self.stride)
+        else:
+            truth = empty_truth(2 + len(self.feature_names) + len(self.side_channel_names), self.dt)
+        self.kept(f"counts of {split}", lambda: {**counts(truth), **recorded_counts(tracks)})
+        return freeze(truth)
 
     def _counts(self) -> dict[str, dict[str, int]]:
         read = self.__dict__.get("_made_once", {})
-        there = [(split, read[key]) for split in self.splits if (key := f"windows of {split}") in read]
-        return {split: dict(self.kept(f"counts of {split}", partial(counts, truth))) for split, truth in there}
+        return {split: dict(read[key]) for split in self.splits if (key := f"counts of {split}") in read}
 
     def __getstate__(self) -> dict[str, Any]:
         return {key: value for key, value in vars(self).items() if key != "_made_once"}
@@ -162,11 +196,20 @@ def _makes(kind: type[RecordedDomain], given: Mapping[str, Any], all_of_them: Ma
         return False
 
 
+def _absolute(value: Any) -> Any:
+    """A parameter as ``world`` writes it: the absolute path of a file or folder that exists, else the value."""
+    if not isinstance(value, (str, Path)):
+        return value
+    return str(Path(value).resolve()) if Path(value).exists() else str(value)
+
+
 def freeze(truth: Truth) -> Truth:
     """Make every array of a truth read-only, so that nobody who is given it can change it for others."""
     observation = truth.observation
-    for array in (truth.future, truth.known, observation.history, observation.scene, observation.agent):
-        array.flags.writeable = False
+    arrays = (truth.future, truth.known, observation.history, observation.scene, observation.agent, observation.time)
+    for array in arrays:
+        if array is not None:
+            array.flags.writeable = False
     return truth
 
 

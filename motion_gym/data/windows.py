@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, Truth
+from motion_gym.data import storage
 from motion_gym.data.recordings import check_recording
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -27,7 +28,7 @@ class Tracks:
         tick: [R] int64, index of the row's frame among the listed frames.
         track: [R] int64, which unbroken track the row belongs to, 0 .. T - 1.
         agent: [R] int64, id of the agent as in the recording, shifted so that none is negative.
-        xy: [R, 2] float64, metres.
+        xy: [R, 2] float64, positions relative to the origin of the recording.
         age: [R] int64, rows of the same track before this one.
         left: [R] int64, rows of the same track after this one.
         ticks: Number of listed frames.
@@ -63,7 +64,12 @@ class Tracks:
         length = np.diff(np.append(start, len(tick)))
         age = np.arange(len(tick)) - np.repeat(start, length)
         left = np.repeat(length, length) - 1 - age
-        return cls(tick, track, agent, recording.xy[order], age, left, len(frames), recording.dt)
+        xy = (recording.xy - recording.origin)[order]
+        return cls(tick, track, agent, xy, age, left, len(frames), recording.dt)
+
+    def complete(self) -> np.ndarray:
+        """Rows that are the last observed step of 20 consecutive steps of an agent."""
+        return np.flatnonzero((self.age >= HISTORY - 1) & (self.left >= FUTURE))
 
     def around(self, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The 20 steps whose last observed step is ``row``.
@@ -80,11 +86,16 @@ class Tracks:
         positions[~known] = 0
         return positions, known
 
-    def truth(self, row: np.ndarray, scene: np.ndarray, agent: np.ndarray, features: Features) -> Truth:
-        """Observation and truth of the agents at the given rows (their last observed steps)."""
+    def truth(
+        self, row: np.ndarray, scene: np.ndarray, agent: np.ndarray, features: Features, before: int = 0
+    ) -> Truth:
+        """Observation and truth of the agents at the given rows (their last observed steps).
+
+        ``before`` is the number of listed frames of the recordings that come before this one.
+        """
         positions, known = self.around(row)
         history = features(positions, known).astype(np.float32)
-        observation = Observation(history, scene, agent, self.dt)
+        observation = Observation(history, scene, agent, self.dt, self.tick[row[scene[:-1]]] + before)
         return Truth(positions[:, HISTORY:].astype(np.float32), known[:, HISTORY:], observation)
 
 
@@ -101,35 +112,45 @@ def offsets(sizes: np.ndarray) -> np.ndarray:
 def windows_of(
     recordings: Iterable[Recording], features: Features = positions_only, min_agents: int = 1, stride: int = 1
 ) -> Truth:
-    """Cut recordings into windows of 20 consecutive listed frames.
+    """Cut recordings into windows, see ``cut_windows``."""
+    return cut_windows([Tracks.of(recording) for recording in recordings], features, min_agents, stride)
+
+
+def cut_windows(
+    places: Sequence[Tracks], features: Features = positions_only, min_agents: int = 1, stride: int = 1
+) -> Truth:
+    """Cut tracks into windows of 20 consecutive listed frames.
 
     An agent counts if it is present in all 20 frames, a window counts if at least ``min_agents`` agents do. Which
     agents are complete is known only afterwards: that choice, made by every published evaluation, reads the future.
 
     Args:
-        recordings: Places, one after another. Agent ids are shifted so that they differ between recordings.
+        places: Tracks of recordings. Agent ids are shifted so that they differ between recordings.
         features: Gives the history of each agent.
-        min_agents: Smallest number of complete agents in a window.
-        stride: Listed frames from the start of one window to the start of the next.
+        min_agents: Smallest number of complete agents in a window; 0 is as good as 1.
+        stride: Listed frames from the start of one window to the start of the next, at least 1.
 
     Returns:
         Truth of all windows, in order of recording, start frame and agent; its scenes are the windows.
+
+    Raises:
+        SpecError: ``min_agents`` or ``stride`` is not a whole number in its range.
     """
-    parts, shift = [], 0
-    for recording in recordings:
-        tracks = Tracks.of(recording)
-        row = np.flatnonzero((tracks.age >= HISTORY - 1) & (tracks.left >= FUTURE))
+    min_agents = whole_number("min_agents", min_agents, 0, 1_000_000)
+    stride = whole_number("stride", stride, 1, 1_000_000)
+    parts, shift, ticks = [], 0, 0
+    for tracks in places:
+        row = tracks.complete()
         start = tracks.tick[row] - (HISTORY - 1)
-        if stride > 1:
-            row, start = row[start % stride == 0], start[start % stride == 0]
+        row, start = row[start % stride == 0], start[start % stride == 0]
         count = np.bincount(start, minlength=tracks.ticks)
         enough = count[start] >= min_agents
         row, start = row[enough], start[enough]
         row = row[np.lexsort((tracks.agent[row], start))]
-        sizes = count[count >= max(min_agents, 1)]
-        scene = offsets(sizes)
-        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features))
+        scene = offsets(count[count >= max(min_agents, 1)])
+        parts.append(tracks.truth(row, scene, tracks.agent[row] + shift, features, ticks))
         shift += int(tracks.agent.max(initial=-1)) + 1
+        ticks += tracks.ticks
     return stack(parts)
 
 
@@ -147,11 +168,13 @@ def stack(parts: Sequence[Truth]) -> Truth:
     if len(parts) == 1:
         return parts[0]
     sizes = np.concatenate([np.diff(p.observation.scene) for p in parts])
+    times = [p.observation.time for p in parts if p.observation.time is not None]
     observation = Observation(
         np.concatenate([p.observation.history for p in parts]),
         offsets(sizes),
         np.concatenate([p.observation.agent for p in parts]),
         parts[0].observation.dt,
+        np.concatenate(times) if len(times) == len(parts) else None,
     )
     return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
 
@@ -167,7 +190,8 @@ def pick_scenes_of(observation: Observation, scenes: np.ndarray | list[int] | sl
     rows = rows_of(observation, scenes)
     sizes = observation.scene[1:][scenes] - observation.scene[:-1][scenes]
     scene = offsets(sizes)
-    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt)
+    time = None if observation.time is None else observation.time[scenes]
+    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt, time)
 
 
 def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) -> np.ndarray:
@@ -200,6 +224,7 @@ def check_truth(truth: Any, what: str) -> Truth:
         ("history", seen.history, (agents, HISTORY, -1), "float32"),
         ("agent", seen.agent, (agents,), "int64"),
         ("scene", seen.scene, (-1,), "int64"),
+        *([] if seen.time is None else [("time", seen.time, (len(seen.scene) - 1,), "int64")]),
     ):
         right = isinstance(array, np.ndarray) and array.dtype == kind and array.ndim == len(shape)
         if not right or any(n not in (m, -1) for m, n in zip(array.shape, shape, strict=True)):
@@ -229,18 +254,28 @@ def counts(truth: Truth) -> dict[str, int]:
     }
 
 
+def recorded_counts(places: Sequence[Tracks]) -> dict[str, int]:
+    """Agents of the recordings, and their agent-windows whatever ``min_agents`` and ``stride`` leave out."""
+    return {
+        "recorded_agent_windows": sum(len(tracks.complete()) for tracks in places),
+        "recorded_agents": sum(len(np.unique(tracks.agent)) for tracks in places),
+    }
+
+
 def empty_truth(features: int, dt: float) -> Truth:
     """A truth of no scenes."""
     observation = Observation(
-        np.zeros((0, HISTORY, features), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt
+        np.zeros((0, HISTORY, features), np.float32),
+        np.zeros(1, np.int64),
+        np.zeros(0, np.int64),
+        dt,
+        np.zeros(0, np.int64),
     )
     return Truth(np.zeros((0, FUTURE, 2), np.float32), np.zeros((0, FUTURE), bool), observation)
 
 
 def digest(truth: Truth) -> dict[str, Any]:
-    """Counts of a truth, and sha256 of what it holds."""
+    """Counts of a truth, and sha256 of its histories, scenes and futures."""
     seen = truth.observation
-    sha = hashlib.sha256()
-    for array in (seen.history, seen.scene, truth.future, truth.known):
-        sha.update(np.ascontiguousarray(array).tobytes())
-    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha.hexdigest()}
+    sha256 = storage.digest(seen.history, seen.scene, truth.future, truth.known)
+    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha256}

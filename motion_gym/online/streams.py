@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -144,10 +142,10 @@ def stream(
     if len(places) == 1 and frames is None and kind == "sudden":
         return Stream([Segment(places[0], 0, frames_of(places[0], split))], split)
     visits = list(range(len(places))) * (cycles if kind in ("recurring", "mixed") else 1)
-    there: dict[tuple[str, tuple[Any, ...]], int] = {}
+    there: dict[str, int] = {}
     for place in places:
-        there[world_of(place)] = min(frames_of(place, split), there.get(world_of(place), 10**12))
-    wanted = {w: sum(world_of(places[v]) == w for v in visits) for w in there}
+        there[place.world] = min(frames_of(place, split), there.get(place.world, 10**12))
+    wanted = {w: sum(places[v].world == w for v in visits) for w in there}
     most = min(there[w] // wanted[w] for w in there) // UNIT * UNIT
     if frames is None:
         frames = max(min(most, MOST_FRAMES), UNIT)
@@ -160,7 +158,7 @@ def stream(
     if frames > most:
         short = min(there, key=lambda w: there[w] // wanted[w])
         raise SpecError(
-            f"`frames={frames}`: {short[0]} has {there[short]} frames in split `{split}`, for {wanted[short]} visits "
+            f"`frames={frames}`: {short} has {there[short]} frames in split `{split}`, for {wanted[short]} visits "
             f"of at least {UNIT} frames: "
             + (f"ask for at most {most}." if most else "ask for fewer visits (`cycles`), or for other domains.")
         )
@@ -171,7 +169,7 @@ def stream(
     longest = {w: begins[w] + wanted[w] * frames for w in there}
     segments: list[Segment] = []
     for number in order:
-        world = world_of(places[number])
+        world = places[number].world
         start, stop = begins[world], min(begins[world] + length, longest[world])
         if stop <= start:
             continue  # chance has asked for more blocks of a place than there are
@@ -214,13 +212,6 @@ def frames_of(domain: Domain, split: str) -> int:
     return sum(len(np.unique(recording.frame)) for recording in domain.recordings(split))
 
 
-def world_of(domain: Domain) -> tuple[str, tuple[Any, ...]]:
-    """What domains have in common whose frames show the same: the name, or ``world`` of the class; seed and files."""
-    parameters = domain.card.parameters
-    files = [str(value) for value in parameters.values() if isinstance(value, (str, Path)) and Path(value).is_file()]
-    return getattr(type(domain), "world", domain.card.name), (parameters.get("seed"), *files)
-
-
 def _cut(recordings: Sequence[Recording], segment: Segment, frames: int) -> list[Recording]:
     if not 0 <= segment.start < segment.stop <= frames:
         raise SpecError(
@@ -257,10 +248,10 @@ def _check_kinds(places: Sequence[Domain]) -> None:
 def _check_overlap(segments: Sequence[Segment]) -> None:
     for number, one in enumerate(segments):
         for other in segments[:number]:
-            same = world_of(one.domain) == world_of(other.domain)  # type: ignore[arg-type]
+            same = one.domain.world == other.domain.world  # type: ignore[union-attr]
             if same and one.start < other.stop and other.start < one.stop:
                 raise SpecError(
                     f"Two segments overlap: both play frames {max(one.start, other.start)} to "
-                    f"{min(one.stop, other.stop)} of {world_of(one.domain)[0]}. What was shown once could be known: "  # type: ignore[arg-type]
+                    f"{min(one.stop, other.stop)} of {one.domain.world}. What was shown once could be known: "  # type: ignore[union-attr]
                     "give each segment frames of its own."
                 )

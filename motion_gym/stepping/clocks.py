@@ -340,6 +340,7 @@ class Ledger:
             offsets(sizes[sizes > 0]),
             person[keep],
             observation.dt,
+            None if observation.time is None else observation.time[sizes > 0],
         )
         return forecast.take(keep), Truth(truth.future[keep], truth.known[keep], chosen)
 
