@@ -6,11 +6,14 @@ and left as it is.
 
 from __future__ import annotations
 
+import datetime
 import functools
 import json
 import lzma
+import platform
 import re
 import secrets
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,8 +21,8 @@ from typing import Any
 
 from motion_gym.benchmarks.identity import canonical, digest_of, question
 from motion_gym.contract import DataError
-from motion_gym.data.provenance import provenance
 from motion_gym.data.storage import write_atomic
+from motion_gym.training.provenance import commit, versions
 
 Run = dict[str, Any]
 SCHEMA = 3
@@ -159,6 +162,17 @@ class Store:
 def run_of(identity: Mapping[str, Any], result: Mapping[str, Any]) -> Run:
     """A run made of what determines a result, and of the result in JSON types."""
     return {"schema": SCHEMA, **result, "identity": canonical(identity), "provenance": provenance()}
+
+
+def provenance() -> dict[str, Any]:
+    """What is recorded beside a result and is no part of its identity, in JSON types."""
+    return {
+        "versions": versions(),
+        "commit": commit(),
+        "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "finished": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="milliseconds"),
+        "command": sys.argv[1:],
+    }
 
 
 def write(folder: Path | None, run: Run) -> None:

@@ -7,7 +7,7 @@ import sys
 import numpy
 import pytest
 
-from motion_gym.data.provenance import commit, versions
+from motion_gym.training.provenance import commit, versions
 
 
 def test_versions_are_those_that_are_installed():
