@@ -162,6 +162,8 @@ class Study:
         draw: ``"module:function"`` from that dict and a path to a figure at the path; empty for none.
         file: Name of the figure.
         arguments: Of ``compute``, in JSON types.
+        uses: Specs of the predictors that take part, with their weights.
+        reads: Specs of the domains that are read.
         version: Raised by hand when the numbers change.
     """
 
@@ -171,6 +173,8 @@ class Study:
     draw: str = ""
     file: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    uses: Sequence[str] = ()
+    reads: Sequence[str] = ()
     version: int = 1
 
 
@@ -254,6 +258,12 @@ def seeded(spec: str, seed: int, weights: str | None = None) -> str:
     name, parameters = catalog.parse_spec(spec)
     more = {} if weights is None else {"weights": weights}
     return catalog.format_spec(name, {**parameters, **more, "seed": seed})
+
+
+def weighted(rows: Sequence[str], weights: str) -> tuple[str, ...]:
+    """Specs of rows with weights."""
+    parsed = map(catalog.parse_spec, rows)
+    return tuple(catalog.format_spec(name, {**parameters, "weights": weights}) for name, parameters in parsed)
 
 
 def row_name(spec: str) -> str:

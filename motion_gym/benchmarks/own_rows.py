@@ -41,7 +41,7 @@ def add(
     predictors: Sequence[Any],
     adapters: Sequence[Any],
     of: str | None,
-    session: str | None,
+    session: str,
     how: Mapping[str, Any],
 ) -> None:
     """Score predictors on every column and adapters on every stream, and add their rows to the results.
@@ -91,7 +91,7 @@ def label_of(thing: Any) -> str:
     return thing if isinstance(thing, str) else thing.__name__ if isinstance(thing, type) else name_of(thing)
 
 
-def _add_predictor(results: Results, kept: Store, predictor: Any, session: str | None, how: Mapping[str, Any]) -> None:
+def _add_predictor(results: Results, kept: Store, predictor: Any, session: str, how: Mapping[str, Any]) -> None:
     versions, row = versions_of(predictor), row_name(label_of(predictor))
     jobs: dict[tuple[int, str], Job] = {}
     covered: set[str] = set()
@@ -196,7 +196,7 @@ def best_row(part: Part, runs: Sequence[Run], column: str) -> str | None:
 
 
 def _add_adapter(
-    results: Results, kept: Store, adapter: Any, of: str | None, session: str | None, how: Mapping[str, Any]
+    results: Results, kept: Store, adapter: Any, of: str | None, session: str, how: Mapping[str, Any]
 ) -> None:
     row = label_of(adapter)
     jobs: dict[tuple[str, str], list[Job]] = {}
@@ -225,9 +225,7 @@ def _best_adapter(results: Results, these: Shifts, name: str, kind: str) -> str 
     return results.streams[name, kind, min(errors, key=lambda row: errors[row])][0]["row"] if errors else None
 
 
-def _stream_job(
-    these: Shifts, adapter: Any, of: str, on: Mapping[str, Any], best: str | None, session: str | None
-) -> Job:
+def _stream_job(these: Shifts, adapter: Any, of: str, on: Mapping[str, Any], best: str | None, session: str) -> Job:
     places = [domain(spec) for spec in dict.fromkeys(on["domains"])]
     predictors = [adapter if isinstance(adapter, str) else _Named(label_of(adapter)), of]
     identity = stream_identity(label_of(adapter), predictors, of, name_of_stream(json.dumps(on)), places, {}, session)

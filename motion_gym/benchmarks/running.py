@@ -7,6 +7,7 @@ import functools
 import json
 import multiprocessing
 import os
+import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -157,7 +158,7 @@ def run(
         fresh: Compute also what the store has.
         only: Rows that are computed; all by default.
         jobs: Processes that compute.
-        session: Name of the command, see ``identity.answered_by``.
+        session: Name of the command, see ``identity.answered_by``; by default a new one.
         report: Called before each run with the number of runs done, of all, and what is next.
 
     Raises:
@@ -169,22 +170,23 @@ def run(
         if wanted not in chosen.shifts:
             raise SpecError(f"{chosen.name} has no shift `{wanted}`.{catalog.suggest(wanted, chosen.shifts)}")
     _check_rows(chosen, only)
+    session = session or secrets.token_hex(8)
     kept = Store(chosen.name, folder)
     results = Results(chosen, kept)
     reasons: dict[str, str] = {}
     how: dict[str, Any] = {"fresh": fresh, "only": only, "count": jobs, "report": report, "reasons": reasons}
-    first = [*_window_jobs(chosen), *_study_jobs(chosen), *_choice_jobs(chosen, shifts)]
+    first = [*_window_jobs(chosen, session), *_study_jobs(chosen, session), *_choice_jobs(chosen, shifts, session)]
     compute_missing(kept, first, **how)
     for part in chosen.parts:
-        results.parts.append((part, _rows_of(part, kept, results.missing, reasons)))
+        results.parts.append((part, _rows_of(part, kept, session, results.missing, reasons)))
     for study in chosen.studies:
-        stored = kept.find(study_identity(study))
+        stored = kept.find(study_identity(study, session))
         if stored is not None:
             results.studies[study.name] = stored["value"]
     names = shifts or list(chosen.shifts)
-    results.tried = {one: _tried(chosen.shifts[one], kept) for one in names}
-    compute_missing(kept, list(_stream_jobs(chosen, names, results.tried)), **how)
-    _take_streams(results, kept, names, reasons)
+    results.tried = {one: _tried(chosen.shifts[one], kept, session) for one in names}
+    compute_missing(kept, list(_stream_jobs(chosen, names, results.tried, session)), **how)
+    _take_streams(results, kept, names, session, reasons)
     if predictors or adapters:
         from motion_gym.benchmarks import own_rows  # which needs what is defined here
 
@@ -266,12 +268,18 @@ def _questions(identities: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     return tuple(stores.question(canonical(identity)) for identity in identities)
 
 
-def _window_jobs(chosen: Benchmark) -> Iterator[Job]:
+def _window_jobs(chosen: Benchmark, session: str) -> Iterator[Job]:
     for part in chosen.parts:
         for predictor, column in part.runs():
             spec = part.domains[column]
             compute = functools.partial(score_windows, predictor, spec, part.options(column))
-            yield Job(f"{predictor} on {spec}", row_name(predictor), spec, [part.identity(predictor, column)], compute)
+            yield Job(
+                f"{predictor} on {spec}",
+                row_name(predictor),
+                spec,
+                [part.identity(predictor, column, session)],
+                compute,
+            )
 
 
 def score_windows(predictor: str, spec: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -281,17 +289,18 @@ def score_windows(predictor: str, spec: str, options: Mapping[str, Any]) -> list
     return [evaluate(predictor, domain(spec), **options).as_dict()]
 
 
-def study_identity(study: Study) -> dict[str, Any]:
-    """Identity of a study: its name, arguments and version."""
-    rows = [row for row in study.arguments.get("rows", ())]
-    answered = answered_by(rows, [], None)
+def study_identity(study: Study, session: str) -> dict[str, Any]:
+    """Identity of a study: its name, arguments and version, and what takes part."""
+    answered = answered_by(study.uses, [domain(spec) for spec in study.reads], session)
     answered["versions"] |= {"study": study.version}
+    if not study.compute.startswith("motion_gym."):
+        answered["session"] = session  # the code of a user cannot be known
     return {"kind": "study", "study": study.name, "arguments": dict(study.arguments), **answered}
 
 
-def _study_jobs(chosen: Benchmark) -> Iterator[Job]:
+def _study_jobs(chosen: Benchmark, session: str) -> Iterator[Job]:
     for study in chosen.studies:
-        yield Job(study.name, study.name, "", [study_identity(study)], functools.partial(_study, study))
+        yield Job(study.name, study.name, "", [study_identity(study, session)], functools.partial(_study, study))
 
 
 def _study(study: Study) -> list[dict[str, Any]]:
@@ -299,27 +308,28 @@ def _study(study: Study) -> list[dict[str, Any]]:
     return [{"study": study.name, "value": json.loads(json.dumps(compute(**study.arguments), allow_nan=False))}]
 
 
-def _choice_jobs(chosen: Benchmark, shifts: Sequence[str]) -> Iterator[Job]:
+def _choice_jobs(chosen: Benchmark, shifts: Sequence[str], session: str) -> Iterator[Job]:
     for name in shifts or chosen.shifts:
         these = chosen.shifts[name]
         if these.chosen_on:
             of = these.of(0, these.chosen_with)
             specs = [(NONE, NONE), *((row, spec) for row in these.rows for spec in these.settings(row))]
             for row, spec in specs:
-                yield _stream_job(these, row, spec, of, these.chosen_stream(), f"choosing for {name}: {spec}")
+                label = f"choosing for {name}: {spec}"
+                yield _stream_job(these, row, spec, of, these.chosen_stream(), label, session)
 
 
-def _stream_jobs(chosen: Benchmark, names: Sequence[str], tried: Mapping[str, Tried]) -> Iterator[Job]:
+def _stream_jobs(chosen: Benchmark, names: Sequence[str], tried: Mapping[str, Tried], session: str) -> Iterator[Job]:
     for name in names:
         these = chosen.shifts[name]
         for kind, row, seed in ((k, r, s) for k in these.streams for r in rows_of(these) for s in SEEDS):
             spec = best_settings(tried[name]).get(row, row)
             label = f"{name}, {kind}: {spec}, seed {seed}"
-            yield _stream_job(these, row, spec, these.of(seed), these.played(kind, seed), label)
+            yield _stream_job(these, row, spec, these.of(seed), these.played(kind, seed), label, session)
 
 
-def _stream_job(these: Shifts, row: str, spec: str, of: str, on: Mapping[str, Any], label: str) -> Job:
-    identity = these.identity(spec, of, on)
+def _stream_job(these: Shifts, row: str, spec: str, of: str, on: Mapping[str, Any], label: str, session: str) -> Job:
+    identity = these.identity(spec, of, on, session)
     arguments = json.dumps(dict(on), sort_keys=True)
     compute = functools.partial(_stream_result, spec, of, these.oracle_of(on["seed"]), arguments)
     return Job(label, row, arguments, [identity], compute)
@@ -367,27 +377,29 @@ def best_settings(tried: Tried) -> dict[str, str]:
     return {row: min(values, key=lambda spec: values[spec]) for row, values in tried.items()}
 
 
-def _tried(these: Shifts, kept: Store) -> Tried:
+def _tried(these: Shifts, kept: Store, session: str) -> Tried:
     """ADE of each row by its settings on the shift that they are chosen on, the mean over its segments."""
     tried: Tried = {}
     if these.chosen_on:
         of, on = these.of(0, these.chosen_with), these.chosen_stream()
         for row in (NONE, *these.rows):
             for spec in [NONE] if row == NONE else these.settings(row):
-                found = kept.find(these.identity(spec, of, on))
+                found = kept.find(these.identity(spec, of, on, session))
                 if found is not None:
                     ade = float(np.mean([segment["ade"]["mean"] for segment in found["segments"]]))
                     tried.setdefault(row, {})[spec] = ade
     return tried
 
 
-def _take_streams(results: Results, kept: Store, names: Sequence[str], reasons: Mapping[str, str]) -> None:
+def _take_streams(
+    results: Results, kept: Store, names: Sequence[str], session: str, reasons: Mapping[str, str]
+) -> None:
     for name in names:
         these = results.benchmark.shifts[name]
         for kind in these.streams:
             for row in rows_of(these):
                 spec = best_settings(results.tried[name]).get(row, row)
-                identities = [these.identity(spec, these.of(s), these.played(kind, s)) for s in SEEDS]
+                identities = [these.identity(spec, these.of(s), these.played(kind, s), session) for s in SEEDS]
                 runs = [kept.find(identity) for identity in identities]
                 if all(runs):
                     results.streams[name, kind, row] = [r for r in runs if r]
@@ -395,11 +407,11 @@ def _take_streams(results: Results, kept: Store, names: Sequence[str], reasons: 
                     results.missing[f"{row} ({name}, {kind})"] = reason_of(identities, reasons)
 
 
-def _rows_of(part: Part, kept: Store, missing: dict[str, str], reasons: Mapping[str, str]) -> list[Run]:
+def _rows_of(part: Part, kept: Store, session: str, missing: dict[str, str], reasons: Mapping[str, str]) -> list[Run]:
     """Runs of the rows all of whose columns are there."""
     by_row: dict[str, list[Any]] = {}
     for predictor, column in part.runs():
-        by_row.setdefault(row_name(predictor), []).append(part.identity(predictor, column))
+        by_row.setdefault(row_name(predictor), []).append(part.identity(predictor, column, session))
     runs: list[Run] = []
     for row, identities in by_row.items():
         found = [kept.find(identity) for identity in identities]

@@ -63,7 +63,7 @@ def run(
     folder = (out or FOLDER) / chosen.name
     if into is not None:
         marked_block.check_markers(into, chosen.name)
-    own = predictor or adapter
+    own = predictor or adapter or ":" in benchmark
     arguments = ["run", benchmark, *predictor, "adapters", *adapter, "shifts", *shift, "of", str(of)]
     session = session_of(folder, arguments, resume) if own else None
     with progress_bar() as progress:

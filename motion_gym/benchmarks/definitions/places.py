@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from motion_gym.benchmarks.objects import SAMPLES, Benchmark, Drawing, Part, Study
+from motion_gym.benchmarks.objects import SAMPLES, Benchmark, Drawing, Part, Study, weighted
 from motion_gym.benchmarks.published import ALPHAS
 from motion_gym.training.plans import PLACES
 
@@ -58,6 +58,8 @@ SPURIOUS = Benchmark(
             "motion_gym.benchmarks.studies:left_out",
             "motion_gym.benchmarks.study_tables:left_out",
             arguments={"rows": PLAIN[2:], "domain": "eth:alpha=1"},
+            uses=PLAIN[2:],
+            reads=("eth:alpha=1",),
         ),
         Study(
             "one_scene",
@@ -65,6 +67,8 @@ SPURIOUS = Benchmark(
             draw="motion_gym.benchmarks.figures:one_scene",
             file="scene.svg",
             arguments={"place": "eth", "alphas": (1, 8, 64), "rows": DRAWN, "weights": "spurious"},
+            uses=weighted(DRAWN, "spurious"),
+            reads=("eth:alpha=1",),
         ),
     ),
     tables=("motion_gym.benchmarks.published_tables:spurious",),

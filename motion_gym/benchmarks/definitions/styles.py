@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from motion_gym.benchmarks.claims import Claim
-from motion_gym.benchmarks.objects import Benchmark, Drawing, Part, Study
+from motion_gym.benchmarks.claims import NOWHERE, Claim
+from motion_gym.benchmarks.objects import Benchmark, Drawing, Part, Study, weighted
 
 STYLES = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances d that predictors are tested with."""
@@ -77,13 +77,17 @@ STYLE = Benchmark(
                 "weights": "style",
                 "domains": {d: f"orca:d={d}" for d in ("0.4", "0.6")},
             },
+            weighted(("modular", "modular_invariant", "ego_modular"), "style"),
+            ("orca:d=0.4", "orca:d=0.6"),
         ),
     ),
     claims=(
-        Claim("the invariance penalty alone gives no clear advantage", ("style_invariant",), ("style_erm",)),
-        Claim("a style lowers the error", ("modular",), ("style_erm",)),
-        Claim("an invariant encoder helps out of distribution", ("modular_invariant",), ("modular",)),
-        Claim("a style lowers the error, in each agent's own frame", ("ego_modular",), ("ego_erm",)),
+        Claim(
+            "The invariance penalty alone gives no clear advantage", ("style_invariant",), ("style_erm",), where=NOWHERE
+        ),
+        Claim("A style lowers the error", ("modular",), ("style_erm",)),
+        Claim("An invariant encoder helps out of distribution", ("modular_invariant",), ("modular",)),
+        Claim("A style lowers the error, in each agent's own frame", ("ego_modular",), ("ego_erm",)),
     ),
     tables=("motion_gym.benchmarks.published_tables:style",),
     drawings=(Drawing("ade.svg", OVER_D),),
@@ -103,7 +107,7 @@ CROWD = Benchmark(
             samples=1,
         ),
     ),
-    claims=(Claim("a style lowers the error of STGAT", ("modular_stgat",), ("erm_no_sigma",)),),
+    claims=(Claim("A style lowers the error of STGAT", ("modular_stgat",), ("erm_no_sigma",)),),
     drawings=(Drawing("ade.svg", OVER_D),),
 )
 
@@ -133,11 +137,13 @@ REFINEMENT = Benchmark(
             draw="motion_gym.benchmarks.figures:two_agents",
             file="two_agents.svg",
             arguments={"row": "modular_invariant", "weights": "style", "right": "orca:d=0.6", "wrong": "orca:d=0.1"},
+            uses=weighted(("refine",), "style"),
+            reads=("orca:d=0.6", "orca:d=0.1"),
         ),
     ),
     claims=(
-        Claim("refinement by 3 steps lowers the error", ("refine",), ("modular_invariant",)),
-        Claim("refinement by 3 steps lowers the error", ("refine:of=modular",), ("modular",)),
+        Claim("Refinement by 3 steps lowers the error of modular_invariant", ("refine",), ("modular_invariant",)),
+        Claim("Refinement by 3 steps lowers the error of modular", ("refine:of=modular",), ("modular",)),
     ),
     drawings=(Drawing("ade.svg", OVER_D),),
 )
@@ -176,16 +182,16 @@ TRANSFER = Benchmark(
     ),
     claims=(
         Claim(
-            "tuning f alone is better than tuning everything", ("transfer:parts=modulator",), ("transfer:parts=all",)
+            "Tuning f alone is better than tuning everything", ("transfer:parts=modulator",), ("transfer:parts=all",)
         ),
         Claim(
-            "tuning f alone is better than tuning psi, f and g",
+            "Tuning f alone is better than tuning psi, f and g",
             ("transfer:parts=modulator",),
             ("transfer:parts=style",),
         ),
-        Claim("tuning f is better than reading the style alone", ("transfer:parts=modulator",), ("modular_invariant",)),
-        Claim("refinement lowers the error after tuning f", ("refine:of=transfer",), ("transfer:parts=modulator",)),
-        Claim("refinement lowers the error without tuning", ("refine",), ("modular_invariant",)),
+        Claim("Tuning f is better than reading the style alone", ("transfer:parts=modulator",), ("modular_invariant",)),
+        Claim("Refinement lowers the error after tuning f", ("refine:of=transfer",), ("transfer:parts=modulator",)),
+        Claim("Refinement lowers the error without tuning", ("refine",), ("modular_invariant",)),
     ),
     claims_over="batches",
     tables=("motion_gym.benchmarks.seed_tables:schedules",),
@@ -204,6 +210,8 @@ PRETRAINING = Benchmark(
             "motion_gym.benchmarks.study_tables:pretraining",
             "motion_gym.benchmarks.figures:pretraining",
             "curves.svg",
+            uses=("modular",),
+            reads=("orca:d=0.1", "orca:d=0.7"),
         ),
     ),
 )
