@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError, raised_at
+from motion_gym.contract import Domain, MotionGymError, ParameterError, Predictor, SpecError, raised_at
 from motion_gym.specs import format_spec, parse_spec, suggest, whole_number
 
 __all__ = [
@@ -57,7 +57,11 @@ DOMAINS = {
 
 PREDICTORS = {
     "constant_velocity": Entry(
-        "motion_gym.predictors.constant_velocity:ConstantVelocity", "walks on at the last, or mean, velocity"
+        "motion_gym.predictors.constant_velocity:ConstantVelocity", "continues at the mean velocity of the last n steps"
+    ),
+    "kalman_velocity": Entry(
+        "motion_gym.predictors.kalman_velocity:KalmanVelocity",
+        "constant velocity by Kalman filters, a mixture over their noise variances; needs no training",
     ),
     "stand_still": Entry("motion_gym.predictors.stand_still:StandStill", "stays at the last position"),
     "linear": Entry(
@@ -296,7 +300,7 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str
             "of)`, and adapt a copy, `copy.deepcopy(of)`."
         )
     if unknown is not None:
-        raise SpecError(f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}")
+        raise ParameterError(f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}")
     ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
     if missing == ["of"]:

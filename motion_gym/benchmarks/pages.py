@@ -38,6 +38,7 @@ def short(results: Results) -> list[Table]:
 
 def everything(results: Results) -> list[Table]:
     """All tables: of the parts, of claims and studies, and of streams."""
+    results.kept.with_curves()
     check_one_version(every_run(results))
     parts = [(part, runs) for part, runs in results.parts if runs]
     by_part = [seed_tables.part_tables(part, runs) for part, runs in parts]
@@ -58,6 +59,7 @@ def write(results: Results, folder: Path) -> list[Path]:
     """Write ``tables.md`` and the figures of a benchmark into a folder; returns their paths."""
     from motion_gym.benchmarks import figures  # matplotlib takes a second
 
+    results.kept.with_curves()
     path = folder / "tables.md"
     text = "\n\n".join(table.markdown() for table in everything(results))
     write_atomic(path, f"# {results.benchmark.title}\n\n{text}\n".encode())

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 import tyro
 
 from motion_gym import catalog
-from motion_gym.cli.output import console, list_rows, say
+from motion_gym.benchmarks.table import Table
+from motion_gym.cli.output import console, say
 from motion_gym.contract import DataError, PredictorError, SpecError
 from motion_gym.scoring.evaluation import BASELINE
 from motion_gym.stepping.harness import ready
@@ -39,7 +40,7 @@ def check(
 
     if list:
         for kind in KINDS:
-            list_rows(f"Rules of {kind}s", ("rule", "what"), [*rules(kind).items()])
+            console.print(Table(f"Rules of {kind}s", ("rule", "what"), [*rules(kind).items()]))
         return
     if thing is None:
         raise SpecError("Nothing was named to check: motion-gym check THING, or motion-gym check --list.")

@@ -9,7 +9,8 @@ import tyro
 
 from motion_gym import catalog
 from motion_gym.benchmarks.running import BENCHMARKS, benchmark
-from motion_gym.cli.output import list_rows, say
+from motion_gym.benchmarks.table import Table
+from motion_gym.cli.output import console, say
 from motion_gym.contract import SpecError
 from motion_gym.data import datasets
 from motion_gym.metrics.errors import METRICS
@@ -25,31 +26,23 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
     if name is not None:
         _explain(name)
         return
-    list_rows(
-        "Domains  (name:parameter=value; also environments motion_gym/ID)",
-        ("name", "id", "what"),
-        [(key, entry.env_id or "", entry.summary) for key, entry in catalog.DOMAINS.items()],
-    )
-    list_rows(
-        "Predictors  (or your own: module:Class)",
-        ("name", "what"),
-        [(key, entry.summary) for key, entry in catalog.PREDICTORS.items()],
-    )
-    list_rows(
-        "Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)",
-        ("name", "what"),
-        [(key, entry.summary) for key, entry in catalog.ADAPTERS.items()],
-    )
-    list_rows(
-        "Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)",
-        ("name", "what"),
-        [(key, benchmark(key).title) for key in BENCHMARKS],
-    )
-    list_rows("Protocols", ("name", "what"), list(PROTOCOLS.items()))
-    list_rows("Metrics", ("name", "unit", "what"), [(m.name, m.unit, m.description) for m in METRICS])
-    list_rows(
-        "Data sets  (motion-gym data ...)", ("name", "what"), [(d.name, d.title) for d in datasets.DATASETS.values()]
-    )
+    what = ("name", "what")
+    domains = [(key, entry.env_id or "", entry.summary) for key, entry in catalog.DOMAINS.items()]
+    predictors = [(key, entry.summary) for key, entry in catalog.PREDICTORS.items()]
+    adapters = [(key, entry.summary) for key, entry in catalog.ADAPTERS.items()]
+    benchmarks = [(key, benchmark(key).title) for key in BENCHMARKS]
+    metrics = [(metric.name, metric.unit, metric.description) for metric in METRICS]
+    sets = [(entry.name, entry.title) for entry in datasets.DATASETS.values()]
+    for table in (
+        Table("Domains  (name:parameter=value; also environments motion_gym/ID)", ("name", "id", "what"), domains),
+        Table("Predictors  (or your own: module:Class)", what, predictors),
+        Table("Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)", what, adapters),
+        Table("Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)", what, benchmarks),
+        Table("Protocols", what, list(PROTOCOLS.items())),
+        Table("Metrics", ("name", "unit", "what"), metrics),
+        Table("Data sets  (motion-gym data ...)", what, sets),
+    ):
+        console.print(table)
 
 
 def _explain(name: str) -> None:

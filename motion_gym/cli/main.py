@@ -16,6 +16,7 @@ from rich.markup import escape
 from motion_gym.cli.adapt import adapt
 from motion_gym.cli.check import check
 from motion_gym.cli.data import data
+from motion_gym.cli.draw import draw
 from motion_gym.cli.ls import ls
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
@@ -30,6 +31,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "import-weights": import_weights,
     "ls": ls,
     "check": check,
+    "draw": draw,
     "data": data,
 }
 RESUMED = ("score", "run", "adapt", "train")

@@ -10,7 +10,6 @@ import tyro
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from motion_gym.benchmarks import store
 
@@ -51,14 +50,3 @@ def session_of(folder: Path | None, arguments: Sequence[str], resume: bool) -> s
             else f"There is no interrupted command with these arguments in {folder}: it begins anew."
         )
     return session
-
-
-def list_rows(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print rows of text under a title."""
-    shown = Table(title=f"[bold]{title}", title_justify="left", header_style="bold", box=None, padding=(0, 2, 0, 0))
-    for name in header:
-        shown.add_column(name)
-    for row in rows:
-        shown.add_row(*(escape(cell) for cell in row))
-    console.print(shown)
-    console.print()
