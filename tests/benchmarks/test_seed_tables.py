@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motion_gym.benchmarks import published_tables, seed_tables
-from motion_gym.benchmarks.shipped import Part
+from motion_gym.benchmarks.objects import Part
 from motion_gym.contract import DataError
 from tests.scored_runs import scored
 
