@@ -5,11 +5,11 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
+from motion_gym.benchmarks.shipped import BENCHMARKS, Part
 
 from motion_gym import catalog
 from motion_gym.benchmarks import benchmark_report
 from motion_gym.benchmarks import shipped as benchmarks
-from motion_gym.benchmarks.shipped import BENCHMARKS, Part
 from motion_gym.contract import DataError, PredictorError, SpecError
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.metrics.errors import score
