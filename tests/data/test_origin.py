@@ -45,7 +45,7 @@ class Walkers(RecordedDomain):
 
     def recordings(self, split):
         rng = np.random.default_rng(self.splits.index(split))
-        steps, pairs = 28, 6
+        steps, pairs = 26, 4
         rows = []
         for pair in range(pairs):
             for member in range(2):
@@ -60,7 +60,7 @@ class Walkers(RecordedDomain):
 def scores(predictor: str, shift: float) -> dict[str, float]:
     folder = WEIGHTS.get(predictor)
     domain = Walkers(shift, -shift, sigma=folder == "spurious")
-    card = motion_gym.evaluate(f"{predictor}:weights={folder}" if folder else predictor, domain, k=3)
+    card = motion_gym.evaluate(f"{predictor}:weights={folder}" if folder else predictor, domain, k=3, verify=False)
     return {name: summary.mean for name, summary in card.metrics.items()}
 
 
