@@ -26,7 +26,6 @@ from motion_gym.data.domains import spec_of, training_set
 from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import check_truth
 
-
 _signature = functools.lru_cache(inspect.signature)  # which takes as long as a forecast of some agents
 
 
