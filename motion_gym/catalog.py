@@ -57,7 +57,11 @@ DOMAINS = {
 
 PREDICTORS = {
     "constant_velocity": Entry(
-        "motion_gym.predictors.constant_velocity:ConstantVelocity", "walks on at the last, or mean, velocity"
+        "motion_gym.predictors.constant_velocity:ConstantVelocity", "continues at the mean velocity of the last n steps"
+    ),
+    "kalman_velocity": Entry(
+        "motion_gym.predictors.kalman_velocity:KalmanVelocity",
+        "constant velocity by Kalman filters, a mixture over their noise variances; needs no training",
     ),
     "stand_still": Entry("motion_gym.predictors.stand_still:StandStill", "stays at the last position"),
     "linear": Entry(

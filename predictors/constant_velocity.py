@@ -1,36 +1,46 @@
-"""Everybody walks on as before."""
+"""Constant velocity: every agent continues at its recent velocity."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from motion_gym.catalog import suggest
-from motion_gym.contract import FUTURE, Forecast, Observation, SpecError
+from motion_gym.catalog import suggest, whole_number
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, SpecError
+
+WINDOWS = {"last": 1, "mean": HISTORY - 1}
+"""Named numbers of steps that the velocity is averaged over."""
 
 
 class ConstantVelocity:
-    """Continues at the velocity of the last step, or at the mean velocity of the history. Deterministic.
+    """Continues at the mean velocity of the last observed steps. Deterministic; needs no training.
 
     A strong baseline on pedestrians: Schöller et al., "What the constant velocity model can teach us about
-    pedestrian motion prediction", RA-L 2020.
+    pedestrian motion prediction", RA-L 2020. A mean over several steps suppresses annotation noise, and reacts later.
 
     Args:
-        velocity: ``"last"`` step, or ``"mean"`` of the 7 observed steps.
+        velocity: Number of steps, 1 to 7, that the velocity is averaged over; ``"last"`` is 1, ``"mean"`` is 7.
+
+    Raises:
+        SpecError: ``velocity`` is not one of these.
     """
 
     selection = "no weights"
 
-    def __init__(self, velocity: str = "last"):
-        if velocity not in ("last", "mean"):
-            raise SpecError(
-                f"`velocity={velocity}` of constant_velocity is not known.{suggest(str(velocity), ('last', 'mean'))}"
-            )
+    def __init__(self, velocity: str | int = "last"):
+        if isinstance(velocity, str):
+            if velocity not in WINDOWS:
+                raise SpecError(
+                    f"`velocity={velocity}` of constant_velocity is not known.{suggest(velocity, WINDOWS)} "
+                    f"Or a number of steps, 1 to {HISTORY - 1}."
+                )
+            self.steps = WINDOWS[velocity]
+        else:
+            self.steps = whole_number("velocity", velocity, 1, HISTORY - 1)
         self.velocity = velocity
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres."""
         xy = observation.xy
-        steps = 1 if self.velocity == "last" else xy.shape[1] - 1
-        velocity = (xy[:, -1] - xy[:, -1 - steps]) / np.float32(steps)
+        velocity = (xy[:, -1] - xy[:, -1 - self.steps]) / np.float32(self.steps)
         ahead = np.arange(1, FUTURE + 1, dtype=np.float32)
         return Forecast((xy[:, -1, None] + ahead[:, None] * velocity[:, None])[:, None])

@@ -15,7 +15,7 @@ from motion_gym.contract import Observation, PredictorError, SpecError, Truth
 from motion_gym.data.windows import check_truth, digest
 from motion_gym.predictors.adapters.around import Around
 from motion_gym.predictors.modular import Modular
-from motion_gym.predictors.training.objectives import number, positive
+from motion_gym.predictors.settings import number, positive
 from motion_gym.predictors.training.style_training import mean_code
 from motion_gym.predictors.training.transfer_training import BATCH, PARTS, TransferProgram
 from motion_gym.predictors.weighted import Weights

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.benchmarks.results import commit, versions
 from motion_gym.catalog import format_spec, whole_number
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.training import loop as training
 from motion_gym.training.loop import Progress, device_named
+from motion_gym.training.provenance import commit, versions
 from motion_gym.training.weight_files import locate, read, write
 
 if TYPE_CHECKING:

@@ -17,6 +17,10 @@ Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(positions [A, 20, 2] float64, known [A, 20] bool) -> history [A, 8, F]; positions are zero where not known."""
 
 
+DECIMALS = 6
+"""Decimals of positions relative to an origin other than zero."""
+
+
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """A recording sorted by agent, then time, and cut where an agent was out of sight.
@@ -64,7 +68,10 @@ class Tracks:
         length = np.diff(np.append(start, len(tick)))
         age = np.arange(len(tick)) - np.repeat(start, length)
         left = np.repeat(length, length) - 1 - age
-        xy = (recording.xy - recording.origin)[order]
+        xy = recording.xy[order]
+        if recording.origin.any():
+            # Rounded, so that what float64 cannot resolve far from zero does not become a difference of the last bit.
+            xy = np.round(xy - recording.origin, DECIMALS)
         return cls(tick, track, agent, xy, age, left, len(frames), recording.dt)
 
     def complete(self) -> np.ndarray:

@@ -163,15 +163,20 @@ def _card(run: Run, name: str) -> OnlineCard:
         for number, label in enumerate(played.labels)
     ]
     cards = {label: s.domain.card for label, s in zip(played.labels, played.segments, strict=True)}  # type: ignore[union-attr]
-    trained_on = getattr(run.predictor, "trained_on", ())
-    leaks = [declared_leaks(d.card, False, False, trained_on, type(d)) for d in played.domains]
+    leaks = [declared_leaks(d, run.predictor, played.split) for d in played.domains]
     if hasattr(run.predictor, "know"):
         leaks.append((f"{name} is told which domain is played, and could know what is to come",))
     return OnlineCard(
         predictor=name,
         stream=played.name,
         domains={
-            label: {"parameters": dict(card.parameters), "files": dict(card.files)} for label, card in cards.items()
+            label: {
+                "parameters": dict(card.parameters),
+                "files": dict(card.files),
+                "unit": card.unit,
+                "dt": card.dt,
+            }
+            for label, card in cards.items()
         },
         labels=options.labels,
         scope=options.scope,
@@ -198,6 +203,7 @@ def _card(run: Run, name: str) -> OnlineCard:
         selection=selection_of(run.predictor),
         values=ade,
         made=made,
+        person=person,
     )
 
 

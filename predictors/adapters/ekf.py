@@ -15,7 +15,7 @@ from motion_gym.contract import FUTURE, SpecError, Truth
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.adapters.adapter import KEPT, MEMORY, Adapter, scene_key
 from motion_gym.predictors.networks.last_layer import tunable
-from motion_gym.predictors.training.objectives import number, positive
+from motion_gym.predictors.settings import number, positive
 
 MOST_WEIGHTS = 4096
 """Weights that can be filtered: their covariance has as many squared."""

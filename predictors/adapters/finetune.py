@@ -17,7 +17,7 @@ from motion_gym.contract import FUTURE, SpecError, Truth
 from motion_gym.data.windows import pick_scenes, stack
 from motion_gym.predictors.adapters.adapter import MEMORY, Adapter, scene_key
 from motion_gym.predictors.networks.last_layer import tunable
-from motion_gym.predictors.training.objectives import number, positive
+from motion_gym.predictors.settings import number, positive
 
 OPTIMISERS = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
 MOST_RATE = 1e30

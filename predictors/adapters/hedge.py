@@ -13,7 +13,7 @@ from motion_gym.predictors.adapters.adapter import MEMORY
 from motion_gym.predictors.adapters.kalman import Kalman
 from motion_gym.predictors.constant_velocity import ConstantVelocity
 from motion_gym.predictors.networks.last_layer import LastLayer
-from motion_gym.predictors.training.objectives import number, positive
+from motion_gym.predictors.settings import number, positive
 
 EXPERTS = ("trained", "adapted", "constant velocity")
 

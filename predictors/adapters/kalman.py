@@ -14,7 +14,7 @@ from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, S
 from motion_gym.predictors.adapters.adapter import KEPT, MEMORY, Adapter, scene_key
 from motion_gym.predictors.networks.last_layer import LastLayer, Linearised
 from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
-from motion_gym.predictors.training.objectives import number, positive
+from motion_gym.predictors.settings import number, positive
 from motion_gym.stepping.harness import name_of
 
 

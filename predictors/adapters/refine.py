@@ -16,7 +16,7 @@ from motion_gym.contract import Forecast, Observation, PredictorError, Truth
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.adapters.around import Around
 from motion_gym.predictors.networks.pair_network import walked
-from motion_gym.predictors.training.objectives import positive
+from motion_gym.predictors.settings import positive
 from motion_gym.predictors.training.style_loss import TEMPERATURE
 from motion_gym.stepping.harness import name_of
 

@@ -7,13 +7,13 @@ checkpoint holds it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
 from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from motion_gym.contract import SpecError
+from motion_gym.predictors.settings import number
 
 RELEASED_SCENES = 64
 """Scenes of a step of the released program, all of one environment."""
@@ -169,17 +169,3 @@ class GroupDro:
             state *= torch.exp(self.rate * mean)
             state /= state.sum(dim=0)
         return (state.clone() * mean).sum(dim=0)
-
-
-def number(name: str, value: float) -> float:
-    """The value as a float, if it is a number, 0 or more; SpecError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= value < float("inf"):
-        raise SpecError(f"`{name}={value}` must be a number, 0 or more.")
-    return float(value)
-
-
-def positive(name: str, value: float) -> float:
-    """The value as a float, if it is a number above 0; SpecError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value < float("inf"):
-        raise SpecError(f"`{name}={value}` must be a number above 0.")
-    return float(value)

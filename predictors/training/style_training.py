@@ -15,7 +15,8 @@ from motion_gym.contract import FUTURE, PredictorError, SpecError, Truth
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.pair_network import AGENTS, Pairs
-from motion_gym.predictors.training.objectives import Erm, Objective, number, risks_of
+from motion_gym.predictors.settings import number
+from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
 from motion_gym.predictors.training.style_loss import style_loss
 from motion_gym.predictors.weighted import Weights, check_complete
 from motion_gym.training.loop import Stage

@@ -1,0 +1,43 @@
+"""Where a number comes from: the commit of the checkout and the versions of the libraries."""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import platform
+import subprocess
+from pathlib import Path
+
+PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
+"""Packages that a number may depend on."""
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Versions of Python and of ``PACKAGES``."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+@functools.cache
+def commit() -> str | None:
+    """Commit of the checkout that motion-gym runs from, ``+`` appended if a file has changed; None elsewhere."""
+    root = Path(__file__).resolve().parent.parent.parent
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(
+            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10, check=True
+        ).stdout.strip()
+
+    try:
+        if Path(git("rev-parse", "--show-toplevel")).resolve() != root:
+            return None
+        changed = git("status", "--porcelain", "--", "*.py")
+        return git("rev-parse", "HEAD") + ("+" if changed else "")
+    except (OSError, subprocess.SubprocessError):
+        return None

@@ -1,0 +1,108 @@
+"""Kalman filter with a constant-velocity model: the velocity is estimated from all 8 observed positions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from motion_gym.catalog import suggest
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError
+from motion_gym.predictors.settings import positive
+
+ACCELERATION = 10.0 ** np.linspace(-3.5, -0.5, 5)
+"""Acceleration variances q of the grid, (m/s^2)^2: standard deviations of 0.02 to 0.6 m/s^2."""
+MEASUREMENT = 10.0 ** np.linspace(-5.5, -1.75, 6)
+"""Measurement variances r of the grid, m^2: standard deviations of 2 mm to 13 cm."""
+SELECTIONS = ("mixture", "likeliest")
+
+
+class KalmanVelocity:
+    """Constant velocity, estimated by Kalman filters. Deterministic; needs no training, works at any time step.
+
+    Each axis of each agent has the state (position, velocity). Between two steps a random acceleration of variance q is
+    constant, and each observed position has an error of variance r. The first two positions give the first state. The
+    larger q / r, the shorter the memory.
+
+    A setting that is not given is taken from a grid in metres and seconds, 5 values of q and 6 of r. Each of the up to
+    30 filters is weighted with the likelihood of the agent's own history: ``mixture`` averages the forecasts by these
+    weights, ``likeliest`` takes the filter of highest likelihood. Nothing is shared between agents.
+
+    Args:
+        q: Variance of the acceleration, (m/s^2)^2; None for the grid ``ACCELERATION``.
+        r: Variance of a measured coordinate, m^2; None for the grid ``MEASUREMENT``.
+        select: ``mixture`` or ``likeliest``.
+
+    Raises:
+        SpecError: a variance is not above 0, or ``select`` is not known.
+    """
+
+    selection = "no weights"
+
+    def __init__(self, q: float | None = None, r: float | None = None, select: str = "mixture"):
+        if select not in SELECTIONS:
+            raise SpecError(f"`select={select}` of kalman_velocity is not known.{suggest(str(select), SELECTIONS)}")
+        self.q = None if q is None else positive("q", q)
+        self.r = None if r is None else positive("r", r)
+        self.select = select
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """Forecast [A, 1, 12, 2], metres.
+
+        Raises:
+            PredictorError: the time step has no length.
+        """
+        dt = observation.dt
+        if not 0 < dt < np.inf:
+            raise PredictorError(f"kalman_velocity needs a time step above 0, and the observation has dt = {dt} s.")
+        q, r = np.meshgrid(
+            ACCELERATION if self.q is None else self.q, MEASUREMENT if self.r is None else self.r, indexing="ij"
+        )
+        origin = observation.xy[:, -1:].astype(np.float64)
+        position, velocity, likelihood = filtered(observation.xy - origin, dt, q.ravel(), r.ravel())
+        if self.select == "mixture":
+            weight = np.exp(likelihood - likelihood.max(axis=0))
+            weight /= weight.sum(axis=0)
+        else:
+            weight = (np.arange(len(likelihood))[:, None] == likelihood.argmax(axis=0)).astype(np.float64)
+        position = np.einsum("ga,gac->ac", weight, position)
+        velocity = np.einsum("ga,gac->ac", weight, velocity)
+        ahead = dt * np.arange(1, FUTURE + 1)[:, None]
+        positions = origin + position[:, None] + ahead * velocity[:, None]
+        return Forecast(positions[:, None].astype(np.float32))
+
+
+def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run G filters over the observed positions.
+
+    The covariance of a filter depends on q, r and dt alone, so that all agents share it.
+
+    Args:
+        xy: [A, 8, 2] float64, metres.
+        dt: Seconds per step.
+        q: [G] variances of the acceleration.
+        r: [G] variances of a measured coordinate.
+
+    Returns:
+        Last position and velocity [G, A, 2] of the state, metres and metres per second, and the log-likelihood [G, A]
+        of the observed positions from the third on, without its constant.
+    """
+    transition = np.array([[1, dt], [0, 1]])
+    effect = np.array([dt**2 / 2, dt])  # of an acceleration of 1, on position and velocity
+    disturbance = q[:, None, None] * np.outer(effect, effect)
+    first = np.array([[1, 1 / dt], [1 / dt, 2 / dt**2]])  # of (x1, (x1 - x0) / dt), for independent errors
+    covariance = r[:, None, None] * first + q[:, None, None] * np.diag([0, dt**2 / 4])
+    shape = (len(q), len(xy), 2)
+    position = np.broadcast_to(xy[:, 1], shape)
+    velocity = np.broadcast_to((xy[:, 1] - xy[:, 0]) / dt, shape)
+    likelihood = np.zeros(shape[:2])
+    for step in range(2, HISTORY):
+        position = position + dt * velocity
+        covariance = transition @ covariance @ transition.T + disturbance
+        variance = covariance[:, 0, 0] + r
+        gain = covariance[:, :, 0] / variance[:, None]
+        covariance = covariance - gain[:, :, None] * covariance[:, None, 0]
+        innovation = xy[:, step] - position
+        # Of both axes, hence the whole logarithm of the variance instead of a half.
+        likelihood -= (innovation**2).sum(axis=-1) / (2 * variance[:, None]) + np.log(variance)[:, None]
+        position = position + gain[:, 0, None, None] * innovation
+        velocity = velocity + gain[:, 1, None, None] * innovation
+    return position, velocity, likelihood
