@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,11 @@ from motion_gym.data.domains import spec_of, training_set
 from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import check_truth
 
-_signature = functools.lru_cache(inspect.signature)  # which takes as long as a forecast of some agents
+
+@functools.lru_cache
+def _signature(kind: Hashable) -> inspect.Signature:
+    """The signature of a class, kept, since reading it takes as long as a forecast of some agents."""
+    return inspect.signature(kind)  # type: ignore[arg-type]
 
 
 def name_of(predictor: Any) -> str:
