@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -29,9 +28,9 @@ from motion_gym.data.windows import check_truth
 
 
 @functools.lru_cache
-def _signature(kind: Hashable) -> inspect.Signature:
+def _signature(kind: type) -> inspect.Signature:
     """The signature of a class, kept, since reading it takes as long as a forecast of some agents."""
-    return inspect.signature(kind)  # type: ignore[arg-type]
+    return inspect.signature(kind)
 
 
 def name_of(predictor: Any) -> str:
@@ -43,7 +42,7 @@ def name_of(predictor: Any) -> str:
     if isinstance(own, str):
         return own
     try:
-        arguments = _signature(type(predictor)).parameters.values()
+        arguments = _signature(type(predictor)).parameters.values()  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return type(predictor).__name__
     values = [(a, getattr(predictor, a.name, a.default)) for a in arguments]
