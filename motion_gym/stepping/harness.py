@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import inspect
 from typing import Any
 
@@ -26,6 +27,12 @@ from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import check_truth
 
 
+@functools.lru_cache
+def _signature(kind: type) -> inspect.Signature:
+    """The signature of a class, kept, since reading it takes as long as a forecast of some agents."""
+    return inspect.signature(kind)
+
+
 def name_of(predictor: Any) -> str:
     """Name of a predictor for tables and messages: its own ``name``, or its class with settings.
 
@@ -35,7 +42,7 @@ def name_of(predictor: Any) -> str:
     if isinstance(own, str):
         return own
     try:
-        arguments = inspect.signature(type(predictor)).parameters.values()
+        arguments = _signature(type(predictor)).parameters.values()  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return type(predictor).__name__
     values = [(a, getattr(predictor, a.name, a.default)) for a in arguments]
