@@ -8,9 +8,10 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks import claims, online_tables, seed_tables
+from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.own_rows import comparison_tables
-from motion_gym.benchmarks.running import Results, best_settings
+from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.store import check_one_version
 from motion_gym.benchmarks.table import Table
 from motion_gym.data.storage import write_atomic

@@ -9,7 +9,7 @@ import pytest
 import motion_gym
 from motion_gym import catalog
 from motion_gym.benchmarks import pages, running
-from motion_gym.benchmarks.identity import canonical
+from motion_gym.benchmarks.identity import canonical, question
 from motion_gym.benchmarks.store import SHIPPED, Store
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import digest, pick_scenes
@@ -77,7 +77,8 @@ def test_a_random_sample_of_stored_runs_is_computed_again(eth_ucy, name):
     jobs = [(part, *run) for part in running.benchmark(name).parts for run in part.runs() if "univ" not in part.title]
     part, predictor, column = rng.choice(jobs)
     stored = Store(name).find(part.identity(predictor, column))
-    card = motion_gym.evaluate(predictor, part.domain(column), **part.options(column))
+    draws = stored.get("reference_draws", 1)
+    card = motion_gym.evaluate(predictor, part.domain(column), reference_draws=draws, **part.options(column))
     for metric in ("ADE", "FDE"):
         assert card.metrics[metric].mean == pytest.approx(stored["metrics"][metric]["mean"], abs=TOLERANCE), predictor
 
@@ -97,7 +98,7 @@ def test_files_of_a_benchmark_are_written_and_are_the_same_again(tmp_path):
 def test_a_row_is_left_out_and_named_where_a_run_is_missing(tmp_path, monkeypatch):
     part = running.benchmark("baselines").parts[0]
     full = Store("baselines")
-    key = running.stores.question(canonical(part.identity("linear", "d = 0.6")))
+    key = question(canonical(part.identity("linear", "d = 0.6")))
     monkeypatch.delitem(full.runs, key)
     full.pack(tmp_path)
     monkeypatch.setattr(running, "Store", lambda name, folder: Store(name, folder, shipped=tmp_path))
