@@ -30,6 +30,10 @@ def test_tables_are_made_from_the_stored_runs(name):
     assert all(table.markdown() in tables for table in pages.everything(results))
 
 
+def test_the_page_of_claims_is_made_from_the_stored_runs():
+    assert (ROOT / "docs" / "claims.md").read_text() == pages.claims_about()
+
+
 def test_ten_lines_run_and_beat_constant_velocity():
     code = block("Ten lines of Python", "python")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)

@@ -83,7 +83,7 @@ def write(results: Results, folder: Path) -> list[Path]:
     return paths
 
 
-def claims_about(benchmarks: Sequence[str]) -> str:
+def claims_about(benchmarks: Sequence[str] = tuple(CLAIMS)) -> str:
     """The page of all sentences about results, held against the stored runs of benchmarks, as Markdown."""
     panels = {}
     for name in benchmarks:
@@ -94,7 +94,8 @@ def claims_about(benchmarks: Sequence[str]) -> str:
             for shift, these in results.benchmark.shifts.items()
         }
         panels[name] = claims_page.panels_of(name, results.parts, results.studies, shifts)
-    return claims_page.page(CLAIMS, panels)
+    sentences = {name: [*running.benchmark(name).claims, *CLAIMS.get(name, ())] for name in benchmarks}
+    return claims_page.page(sentences, panels)
 
 
 def stream_rows(results: Results, name: str, kind: str) -> dict[str, list[Any]]:
