@@ -42,6 +42,8 @@ results: $(VENV)/.ready
 	cd $(ROOT) && for name in baselines spurious original style crowd transfer refinement pretraining online; do \
 	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results --into README.md || exit 1; \
 	  done
+	cd $(ROOT) && $(BIN)/python -c "from motion_gym.benchmarks import pages; print(pages.claims_about(), end='')" >docs/claims.md.new
+	cd $(ROOT) && mv docs/claims.md.new docs/claims.md
 
 # Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.
 bench: $(VENV)/.ready

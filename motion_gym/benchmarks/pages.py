@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
-from motion_gym.benchmarks import claims, online_tables, seed_tables
+from motion_gym.benchmarks import claims, claims_page, online_tables, running, seed_tables
+from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.own_rows import comparison_tables
-from motion_gym.benchmarks.running import Results, best_settings
+from motion_gym.benchmarks.readme_claims import CLAIMS
+from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.store import check_one_version
 from motion_gym.benchmarks.table import Table
 from motion_gym.data.storage import write_atomic
@@ -79,6 +81,21 @@ def write(results: Results, folder: Path) -> list[Path]:
             paths.append(folder / f"{name}.svg")
             figures.over_time(panels, paths[-1], these.title)
     return paths
+
+
+def claims_about(benchmarks: Sequence[str] = tuple(CLAIMS)) -> str:
+    """The page of all sentences about results, held against the stored runs of benchmarks, as Markdown."""
+    panels = {}
+    for name in benchmarks:
+        results = running.run(name)
+        results.kept.with_curves()
+        shifts = {
+            shift: (these.title, {kind: stream_rows(results, shift, kind) for kind in these.streams})
+            for shift, these in results.benchmark.shifts.items()
+        }
+        panels[name] = claims_page.panels_of(name, results.parts, results.studies, shifts)
+    sentences = {name: [*running.benchmark(name).claims, *CLAIMS.get(name, ())] for name in benchmarks}
+    return claims_page.page(sentences, panels)
 
 
 def stream_rows(results: Results, name: str, kind: str) -> dict[str, list[Any]]:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from motion_gym.benchmarks import jobs as run_jobs
 from motion_gym.benchmarks import marked_block, running, store
 from motion_gym.cli.output import Out, Text, console, progress_bar, reporter, say, session_of
 from motion_gym.contract import PredictorError
@@ -59,7 +60,7 @@ def run(
     from motion_gym.benchmarks import pages
 
     chosen = running.benchmark(benchmark)
-    count = running.processes(jobs)
+    count = run_jobs.processes(jobs)
     folder = (out or FOLDER) / chosen.name
     if into is not None:
         marked_block.check_markers(into, chosen.name)
@@ -106,7 +107,7 @@ def _fail_if_missing(results: running.Results) -> None:
     lines = [
         f"Not shown: {', '.join(rows[:SHOWN])}{f' and {len(rows) - SHOWN} more' if len(rows) > SHOWN else ''}: {reason}"
         for reason, rows in reasons.items()
-        if reason != running.NOT_ASKED
+        if reason != run_jobs.NOT_ASKED
     ]
     if lines:
         more = [f"... and {len(lines) - SHOWN} more messages"] if len(lines) > SHOWN else []

@@ -1,16 +1,17 @@
-"""Benchmarks: their trainings, runs, tables and figures."""
+"""The benchmarks that ship: their rows, their stored runs, and the weights that they use."""
 
-import json
+import random
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from motion_gym.benchmarks.shipped import BENCHMARKS, Part
 
+import motion_gym
 from motion_gym import catalog
-from motion_gym.benchmarks import benchmark_report
-from motion_gym.benchmarks import shipped as benchmarks
-from motion_gym.contract import DataError, PredictorError, SpecError
+from motion_gym.benchmarks import pages, running
+from motion_gym.benchmarks.identity import canonical, question
+from motion_gym.benchmarks.store import SHIPPED, Store
+from motion_gym.contract import SpecError
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.metrics.errors import score
 from motion_gym.predictors.stand_still import StandStill
@@ -18,29 +19,13 @@ from motion_gym.predictors.transfer import Transfer
 from motion_gym.training import plans as training_plans
 from motion_gym.training import weight_files
 
-PART = Part(
-    "A small part",
-    {"1": "eth:alpha=1", "8": "eth:alpha=8", "64": "eth:alpha=64"},
-    ("constant_velocity",),
-    ("erm",),
-    "spurious",
-)
+WITH_WEIGHTS = {p.parent.relative_to(weight_files.SHIPPED).as_posix() for p in weight_files.SHIPPED.rglob("*.json")}
+PARTS = [part for name in running.BENCHMARKS for part in running.benchmark(name).parts]
+TOLERANCE = 1e-4
+"""Metres between a stored score and one of another processor: float32 forecasts add up in another order."""
 
 
-@pytest.fixture(scope="module")
-def small(eth_ucy, tmp_path_factory):
-    """A part of two rows and three domains, and its results."""
-    folder = tmp_path_factory.mktemp("results")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(BENCHMARKS, "small", (PART,))
-        (found,) = benchmarks.run("small", folder)
-    return folder, found
-
-
-SHIPPED = {path.parent.relative_to(weight_files.SHIPPED).as_posix() for path in weight_files.SHIPPED.rglob("*.json")}
-
-
-@pytest.mark.parametrize("name", sorted(training_plans.trainings().keys() - SHIPPED))
+@pytest.mark.parametrize("name", sorted(training_plans.trainings().keys() - WITH_WEIGHTS))
 def test_every_training_without_weights_has_data(eth_ucy, name):
     train, validation = training_plans.training(name).data()
     assert len(train) == len(validation) >= 2
@@ -52,68 +37,75 @@ def test_crossed_trainings_have_every_alpha_at_every_place():
 
 
 def test_every_row_is_a_predictor_and_every_column_a_domain():
-    for parts in BENCHMARKS.values():
-        for part in parts:
-            for row in (*part.plain, *part.trained):
-                made = catalog.predictor(row)
-                # A table says what is tuned, be it the default or not.
-                assert getattr(made, "name", row) == row or isinstance(made, Transfer)
-            for spec in part.domains.values():
-                catalog.domain(spec)
-            assert not part.trained or part.weights in training_plans.trainings()
+    for part in PARTS:
+        for row in (*part.plain, *part.trained):
+            predictor = catalog.predictor(row)
+            # A table says what is tuned, be it the default or not.
+            assert getattr(predictor, "name", row) == row or isinstance(predictor, Transfer)
+        for spec in part.domains.values():
+            catalog.domain(spec)
+        assert not part.trained or part.weights in training_plans.trainings()
 
 
-def test_unknown_names_are_refused(tmp_path):
+def test_unknown_names_are_refused():
     with pytest.raises(SpecError, match="Did you mean `spurious`"):
         training_plans.training("spurios")
     with pytest.raises(SpecError, match="no benchmark `spurios`"):
-        benchmarks.run("spurios", tmp_path)
+        motion_gym.benchmark("spurios")
 
 
-def test_rows_without_weights_are_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(
-        BENCHMARKS, "small", (Part("x", {"1": "eth:alpha=1"}, (), ("counterfactual:sigma=relative",), "spurious"),)
-    )
-    with pytest.raises(
-        PredictorError, match=r"have no `counterfactual:sigma=relative`.*motion-gym train counterfactual:s"
-    ):
-        benchmarks.run("small", tmp_path)
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("name", running.BENCHMARKS)
+def test_every_run_is_stored_and_is_of_the_present_weights_data_and_versions(name):
+    def nothing(done, of, what):
+        raise AssertionError(f"{what} is missing in the packed runs")
+
+    results = running.run(name, report=nothing)
+    assert not results.missing
+    chosen = running.benchmark(name)
+    assert len(results.parts) == len(chosen.parts) and len(results.studies) == len(chosen.studies)
+    assert all(run["provenance"]["commit"] for run in results.kept.runs.values())
 
 
-def test_every_seed_is_scored_once_and_found_again(small):
-    folder, (part, results) = small
-    assert len(list(folder.glob("*.json"))) == len(results) == 3 * (1 + 5)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(BENCHMARKS, "small", (part,))
-        patch.setattr("motion_gym.benchmarks.results.evaluate", None)  # nothing is run again
-        ((_, again),) = benchmarks.run("small", folder)
-        ((_, read),) = benchmarks.read("small", folder)
-        assert again == read == json.loads(json.dumps(results))
-        next(folder.glob("erm*.json")).unlink()
-        with pytest.raises(
-            DataError, match=r"has no result of erm:weights=spurious,seed=\d on eth:alpha=.*motion-gym run small"
-        ):
-            benchmarks.read("small", folder)
+def test_all_that_is_stored_is_small():
+    files = [path for path in SHIPPED.rglob("*") if path.is_file()]
+    assert len(files) < 60 and sum(path.stat().st_size for path in files) < 6e6
 
 
-def test_a_part_may_have_a_k_of_its_own(tmp_path, monkeypatch):
-    part = Part("x", {"0.3": "orca:d=0.3,scenes=40"}, ("constant_velocity",), samples=1)
-    monkeypatch.setitem(BENCHMARKS, "small", (part,))
-    ((_, results),) = benchmarks.run("small", tmp_path)
-    assert [result["k"] for result in results] == [1]
-    assert benchmarks.read("small", tmp_path) == [(part, results)]
+@pytest.mark.parametrize("name", ["baselines", "original", "spurious", "style"])
+def test_a_random_sample_of_stored_runs_is_computed_again(eth_ucy, name):
+    rng = random.Random()
+    jobs = [(part, *run) for part in running.benchmark(name).parts for run in part.runs() if "univ" not in part.title]
+    part, predictor, column = rng.choice(jobs)
+    stored = Store(name).find(part.identity(predictor, column))
+    draws = stored.get("reference_draws", 1)
+    card = motion_gym.evaluate(predictor, part.domain(column), reference_draws=draws, **part.options(column))
+    for metric in ("ADE", "FDE"):
+        assert card.metrics[metric].mean == pytest.approx(stored["metrics"][metric]["mean"], abs=TOLERANCE), predictor
 
 
-def test_files_of_a_benchmark_are_written_and_are_the_same_again(small, tmp_path):
-    _, found = small
-    written = benchmark_report.write("spurious", [found], tmp_path)
-    assert {path.name for path in written} == {"tables.md", "ade.svg", "jade_20.svg", "scene.svg"}
-    first = {path.name: path.read_bytes() for path in written}
+def test_files_of_a_benchmark_are_written_and_are_the_same_again(tmp_path):
+    results = running.run("style")
+    written = pages.write(results, tmp_path)
+    assert {path.name for path in written} == {"tables.md", "ade.svg", "references.svg"}
     for path in written:
         if path.suffix == ".svg":
             ElementTree.parse(path)
-    assert {path.name: path.read_bytes() for path in benchmark_report.write("spurious", [found], tmp_path)} == first
+    first = {path.name: path.read_bytes() for path in written}
+    assert first["tables.md"] == (SHIPPED / "style" / "tables.md").read_bytes()
+    assert {path.name: path.read_bytes() for path in pages.write(results, tmp_path)} == first
+
+
+def test_a_row_is_left_out_and_named_where_a_run_is_missing(tmp_path, monkeypatch):
+    part = running.benchmark("baselines").parts[0]
+    full = Store("baselines")
+    key = question(canonical(part.identity("linear", "d = 0.6")))
+    monkeypatch.delitem(full.runs, key)
+    full.pack(tmp_path)
+    monkeypatch.setattr(running, "Store", lambda name, folder: Store(name, folder, shipped=tmp_path))
+    results = running.run("baselines", only=["stand_still"])
+    assert list(results.missing) == ["linear (Simulated crowds)"]
+    rows = [row[0] for row in pages.short(results)[0].rows]
+    assert "linear" not in rows and "constant_velocity" in rows
 
 
 @pytest.mark.parametrize("path", sorted(weight_files.SHIPPED.rglob("*.safetensors")), ids=lambda path: path.stem)

@@ -190,7 +190,7 @@ def test_runs_of_several_scoring_versions_are_refused(tmp_path):
     one, other = scored(kept), scored(kept, "constant_velocity")
     assert check_one_version([one, other]) == 1
     other = {**other, "identity": {**other["identity"], "scoring_version": 2}}
-    with pytest.raises(DataError, match="version 1, as stand_still.*version 2, as constant_velocity"):
+    with pytest.raises(DataError, match=r"version 1, as stand_still.*version 2, as constant_velocity"):
         check_one_version([one, other])
 
 

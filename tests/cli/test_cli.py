@@ -404,14 +404,14 @@ def test_predictor_that_fails_does_not_take_the_others_along(capsys):
         ("check ocra", "no predictor or domain `ocra`. Did you mean `orca`?"),
         ("check own_things:Misspelt", "neither a predictor (method `predict`) nor a domain (`recordings`)"),
         ("check own_things:Flat", "Flat.predict returned shape (3, 3)"),
-        ("check own_things:Broken", "Broken has no card, recordings, reference"),
+        ("check own_things:Broken", "Broken is neither a predictor (method `predict`) nor a domain (`recordings`)"),
         ("check linear:ridge=-1", "`ridge=-1` of linear must be a number, 0 or more"),
         ("check linear:ridge", "Write `linear:key=value`"),
         ("data add", "Which data set? motion-gym data add NAME; known: eth_ucy"),
         ("data add eth_ucy", "Where are the files? motion-gym data add eth_ucy --from DIR"),
         ("data add eth_ucy --from nowhere", "nowhere is not a folder"),
-        ("data verify eth_uyc", "no data set 'eth_uyc'. Did you mean 'eth_ucy'?"),
-        ("data fetch eth-ucy", "no data set 'eth-ucy'. Did you mean 'eth_ucy'?"),
+        ("data verify eth_uyc", "no data set `eth_uyc`. Did you mean `eth_ucy`?"),
+        ("data fetch eth-ucy", "no data set `eth-ucy`. Did you mean `eth_ucy`?"),
     ],
 )
 def test_mistakes_are_one_message_and_status_2(capsys, line, message):

@@ -1,0 +1,193 @@
+"""The verb that runs a benchmark, as it is typed."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from motion_gym.cli.main import main
+
+OWN = '''
+import copy
+
+import numpy as np
+
+from motion_gym.benchmarks.objects import Benchmark, Part, Shifts
+
+COLUMNS = {"0.1": "orca:d=0.1,scenes=40", "0.6": "orca:d=0.6,scenes=40"}
+PART = Part("Small crowds", COLUMNS, ("constant_velocity", "linear"))
+SMALL = Benchmark("small", "A small benchmark of a user", (PART,))
+STREAMS = Benchmark(
+    "streams",
+    "Short streams of a user",
+    shifts={
+        "style": Shifts(
+            "Small crowds",
+            "modular_invariant",
+            "style",
+            {"sudden": {"domains": ["orca:d=0.3,scenes=40", "orca:d=0.6,scenes=40"], "kind": "sudden", "frames": 200}},
+            "modular_invariant:weights=online/orca",
+            (),
+        )
+    },
+)
+
+
+class Steady:
+    """Walks on at a part of its last velocity."""
+
+    selection = "nothing was selected"
+
+    def predict(self, observation, samples=1, seed=0):
+        xy = observation.xy
+        steps = np.arange(1, 13, dtype=np.float32)[:, None]
+        return (xy[:, -1:] + 0.9 * (xy[:, -1] - xy[:, -2])[:, None] * steps)[:, None]
+
+
+class Fitted(Steady):
+    """Needs data."""
+
+    fitted = False
+
+    def fit(self, train, validation, seed):
+        self.fitted = True
+        return self
+
+
+class Same:
+    """Adapts nothing."""
+
+    def __init__(self, of):
+        self.of = copy.deepcopy(of)
+        self.told = 0
+
+    def predict(self, observation, samples=1, seed=0):
+        return self.of.predict(observation, samples, seed)
+
+    def observe(self, truth):
+        self.told += 1
+
+    def reset(self):
+        self.told = 0
+'''
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "own_rows_here.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "own_rows_here", raising=False)
+    return tmp_path
+
+
+def call(capsys, line):
+    main(shlex.split(line))
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return captured.out
+
+
+def test_a_shipped_table_is_shown_without_data_and_without_torch(folder):
+    code = """
+        import sys
+
+        class NotInstalled:
+            def find_spec(self, name, path=None, target=None):
+                if name.partition(".")[0] in ("torch", "safetensors", "numba"):
+                    raise ModuleNotFoundError(f"No module named '{name}'", name=name)
+
+        sys.meta_path.insert(0, NotInstalled())
+        from motion_gym.cli.main import main
+        for name in ("style", "spurious", "online", "pretraining"):
+            main(["run", name, "--only", "constant_velocity"] if name != "pretraining" else ["run", name])
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        cwd=folder,
+        env={**os.environ, "MOTION_GYM_DATA": str(folder / "nowhere"), "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert "modular_invariant   .063 ± .000" in done.stdout and "invariant:penalty=3" in done.stdout
+    assert "After a sudden shift" in done.stdout
+    assert not (folder / "results").exists()  # nothing had to be computed
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_benchmark_of_a_user_is_run_with_rows_of_a_user(capsys, folder, jobs):
+    line = f"run own_rows_here:SMALL --predictor own_rows_here:Steady --out out --jobs {jobs}"
+    out = call(capsys, line)
+    assert "Small crowds: beside the shipped rows" in out and "own_rows_here:Steady" in out
+    assert "Written: out/small/tables.md" in out
+    runs = [json.loads(path.read_text()) for path in (folder / "out" / "small").glob("*.json")]
+    assert sorted(run["predictor"] for run in runs) == sorted(
+        ["constant_velocity", "linear", "own_rows_here:Steady"] * 2
+    )
+    own = [run for run in runs if run["predictor"] == "own_rows_here:Steady"]
+    for run in own:
+        difference = run["versus"]["constant_velocity"]
+        assert difference["mean"] == pytest.approx(run["versus_baseline"]["ADE"]["mean"], abs=1e-6)
+        assert difference["low"] <= difference["mean"] <= difference["high"]
+        assert run["versus"]["best"]["row"] in ("constant_velocity", "linear")
+
+
+def test_shipped_rows_are_kept_and_own_rows_are_scored_anew(capsys, folder):
+    line = "run own_rows_here:SMALL --predictor own_rows_here:Steady --jobs 1"
+    call(capsys, line)
+    paths = sorted((folder / "results" / "small").glob("*.json"))
+    times = {path.name: path.stat().st_mtime_ns for path in paths}
+    call(capsys, line)
+    anew = {path.name.partition("--")[0] for path in paths if path.stat().st_mtime_ns != times[path.name]}
+    assert anew == {"own_rows_here_Steady"}
+    call(capsys, "run own_rows_here:SMALL --fresh --only linear --jobs 1")
+    anew = {path.name.partition("--")[0] for path in paths if path.stat().st_mtime_ns != times[path.name]}
+    assert anew == {"own_rows_here_Steady", "linear"}
+
+
+def test_what_can_be_fitted_is_fitted_with_five_seeds(capsys, folder):
+    call(capsys, "run own_rows_here:SMALL --predictor own_rows_here:Fitted --out out --jobs 1")
+    own = [json.loads(path.read_text()) for path in (folder / "out" / "small").glob("own_rows_here_Fitted*")]
+    assert sorted((run["seed"], run["spec"]) for run in own) == [
+        (seed, f"orca:d={d},scenes=40") for seed in range(5) for d in (0.1, 0.6)
+    ]
+
+
+def test_an_adapter_of_a_user_stands_among_those_that_ship(capsys, folder):
+    out = call(capsys, "run own_rows_here:STREAMS --adapter own_rows_here:Same --out out --jobs 1")
+    assert "Small crowds: beside the shipped rows" in out
+    own = [json.loads(path.read_text()) for path in (folder / "out" / "streams").glob("own_rows_here_Same*")]
+    none = [json.loads(path.read_text()) for path in (folder / "out" / "streams").glob("none--*")]
+    assert len(own) == len(none) == 5
+    ades = {(run["stream"], run["of"]): run["ade"]["mean"] for run in none}
+    assert all(ades[run["stream"], run["of"]] == pytest.approx(run["ade"]["mean"], abs=1e-4) for run in own)
+    (compared,) = [run["versus"] for run in own if "versus" in run]
+    assert compared["constant_velocity"]["mean"] < 0 and compared["best"]["row"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("run spurios", "There is no benchmark `spurios`. Did you mean `spurious`?"),
+        ("run own_rows_here:Steady", "make it a motion_gym.benchmarks.objects.Benchmark"),
+        ("run nowhere:SMALL", "There is no module `nowhere`"),
+        ("run style --only modula", "style has no row `modula`. Did you mean `modular`?"),
+        ("run style --shift alpha", "style has no shift `alpha`"),
+        ("run style --adapter kalman", "style has no streams for an adapter"),
+        ("run online --shift style --only none --predictor linear", "online has no columns for a predictor"),
+        ("run style --jobs 0", "`jobs=0` must be a whole number"),
+        ("run style --into nowhere.md", "nowhere.md cannot be read"),
+        ("run own_rows_here:SMALL --predictor own_rows_here:Stedy", "Did you mean `Steady`?"),
+    ],
+)
+def test_mistakes_are_one_message(capsys, line, message):
+    with pytest.raises(SystemExit) as stopped:
+        main(shlex.split(line))
+    assert stopped.value.code == 2 and message in capsys.readouterr().err
