@@ -161,8 +161,9 @@ class Style(Adapter):
         self.updates += int(len(whole_scenes(truth)) > 0)
 
 
-def scene_key(truth: Truth, scene: int) -> bytes:
-    """What tells a scene from others: who was observed, and where."""
+def scene_key(truth: Truth, scene: int) -> Any:
+    """Identifies a scene: when and with whom it was observed; where the time is not known, what was observed."""
     seen = truth.observation
     rows = slice(seen.scene[scene], seen.scene[scene + 1])
-    return seen.agent[rows].tobytes() + seen.history[rows].tobytes()  # type: ignore[no-any-return]
+    when = seen.history[rows].tobytes() if seen.time is None else int(seen.time[scene])
+    return when, seen.agent[rows].tobytes()
