@@ -9,8 +9,8 @@ import ast
 import difflib
 import importlib
 import inspect
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from numbers import Integral
 from typing import Any
 
@@ -19,11 +19,19 @@ from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError, ra
 
 @dataclass(frozen=True)
 class Entry:
-    """One row: where the class is, its environment id if it is a domain, and a line about it."""
+    """One row of a table.
+
+    Attributes:
+        target: ``"module:Class"``.
+        summary: A line about it.
+        env_id: Environment id, for domains.
+        parameters: Arguments of the class that an alias sets; those in a spec win over them.
+    """
 
     target: str
     summary: str
     env_id: str | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 DOMAINS = {
@@ -49,9 +57,13 @@ PREDICTORS = {
         "motion_gym.predictors.linear:Linear", "ridge regression in the heading frame; with sigma=true it needs sigma"
     ),
     "erm": Entry("motion_gym.predictors.stgat:Erm", "STGAT, the plain sum of all errors; needs PyTorch and sigma"),
-    "erm_no_sigma": Entry("motion_gym.predictors.stgat:ErmNoSigma", "STGAT, never given sigma; needs PyTorch"),
     "counterfactual": Entry(
-        "motion_gym.predictors.stgat:Counterfactual", "STGAT with the counterfactual decoder; needs PyTorch and sigma"
+        "motion_gym.predictors.stgat:Erm",
+        "STGAT with the counterfactual decoder; needs PyTorch and sigma",
+        parameters={"counterfactual": True},
+    ),
+    "erm_no_sigma": Entry(
+        "motion_gym.predictors.stgat:Erm", "STGAT, never given sigma; needs PyTorch", parameters={"sigma": False}
     ),
     "invariant": Entry(
         "motion_gym.predictors.stgat:Invariant",
@@ -68,16 +80,18 @@ PREDICTORS = {
         "two-agent network of the paper, without style; needs PyTorch and scenes of two agents",
     ),
     "style_invariant": Entry(
-        "motion_gym.predictors.modular:StyleInvariant",
+        "motion_gym.predictors.modular:StyleErm",
         "style_erm trained with IRMv1; needs PyTorch and scenes of two agents",
+        parameters={"penalty": 1.0},
     ),
     "modular": Entry(
         "motion_gym.predictors.modular:Modular",
         "style_erm that reads a style from scenes; needs PyTorch and scenes of two agents",
     ),
     "modular_invariant": Entry(
-        "motion_gym.predictors.modular:ModularInvariant",
+        "motion_gym.predictors.modular:Modular",
         "modular, its encoder by IRMv1; needs PyTorch and scenes of two agents",
+        parameters={"penalty": 1.0},
     ),
     "modular_stgat": Entry(
         "motion_gym.predictors.modular_stgat:ModularStgat",
@@ -112,7 +126,9 @@ ADAPTERS = {
         "motion_gym.predictors.adapters.finetune:Finetune", "gradient steps on new and remembered scenes"
     ),
     "ema_anchor": Entry(
-        "motion_gym.predictors.adapters.finetune:EmaAnchor", "finetune, pulled back to the trained weights"
+        "motion_gym.predictors.adapters.finetune:Finetune",
+        "finetune, pulled back to the trained weights",
+        parameters={"anchor": 0.01},
     ),
     "kalman": Entry("motion_gym.predictors.adapters.kalman:Kalman", "recursive Bayesian last layer, in closed form"),
     "hedge": Entry(
@@ -172,6 +188,28 @@ def whole_number(name: str, value: Any, least: int, most: int) -> int:
 def format_spec(name: str, parameters: dict[str, Any]) -> str:
     """Write a spec that ``parse_spec`` reads back, as long as no value holds a comma."""
     return name + (":" if parameters else "") + ",".join(f"{k}={_text(v)}" for k, v in parameters.items())
+
+
+def alias_of(name: str, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The alias of a predictor that implies most of its parameters, and the parameters that differ from the alias.
+
+    >>> alias_of("erm", {"sigma": False})
+    ('erm_no_sigma', {})
+    >>> alias_of("modular", {"penalty": 3.0})
+    ('modular_invariant', {'penalty': 3.0})
+
+    Args:
+        name: Name without an alias.
+        parameters: Parameters that are not at the defaults of the class.
+    """
+    table = {**PREDICTORS, **ADAPTERS}
+    for alias, entry in table.items():
+        if entry.parameters and name in table and table[name].target == entry.target:
+            pairs = [(parameters.get(key), value) for key, value in entry.parameters.items()]
+            # An alias may have another number, as another penalty, but not another kind of input.
+            if all(a == b or (isinstance(a, float) and isinstance(b, float)) for a, b in pairs):
+                return alias, {k: v for k, v in parameters.items() if entry.parameters.get(k) != v}
+    return name, dict(parameters)
 
 
 def domain(spec: str | Domain, **parameters: Any) -> Domain:
@@ -268,6 +306,7 @@ def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: 
         factory = load_class(name, kind)
     elif name in table:
         factory = load_class(table[name].target, kind)
+        written = {**table[name].parameters, **written}
     else:
         other = PREDICTORS if kind == "domain" else DOMAINS
         hint = f" (It is a {'predictor' if kind == 'domain' else 'domain'}.)" if name in other else suggest(name, table)

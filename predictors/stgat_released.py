@@ -52,6 +52,7 @@ def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
             raise PredictorError(f"{path} has two tensors for {name}.")
         tensors[name] = value[None].contiguous()
     card = {
+        "dt": 0.4,
         "source": f"released program of the paper, {Path(path).name}",
         "epoch": _plain(content.get("epoch")),
         "best_ade": _plain(content.get("best_ade")),

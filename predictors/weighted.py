@@ -1,67 +1,64 @@
-"""What all predictors with trained weights share: their name, their weights on disk, the training of several seeds."""
+"""What all predictors with trained weights share: their name, weights on disk, and the training of several seeds."""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
-import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from motion_gym.catalog import format_spec, whole_number
-from motion_gym.contract import PredictorError, SpecError, Truth
+from motion_gym.catalog import whole_number
+from motion_gym.contract import Observation, PredictorError, SpecError, Truth
+from motion_gym.predictors.settings import check_settings, name_of_settings, optional, whole
 from motion_gym.training import loop as training
-from motion_gym.training.loop import Progress, device_named
+from motion_gym.training.loop import Program, Progress, Weights, device_named
 from motion_gym.training.provenance import commit, versions
 from motion_gym.training.weight_files import locate, read, write
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-Weights = dict[str, Tensor]
+DT = 0.4
+"""Seconds per step of weights whose card does not say it."""
+SEED = optional(whole(0, 2**31))
 
 
-class Program(training.Program, Protocol):
-    """A training program of a predictor."""
-
-    def finished(self, weights: Weights) -> Weights:
-        """The weights, on the CPU, with what the predictor needs besides."""
-        ...
-
-
+@dataclasses.dataclass(eq=False, repr=False)
 class Weighted:
     """A predictor with trained weights, of one seed or several.
 
-    A subclass names itself, says which of its arguments make another row of a table, checks weights, and makes the
-    program that ``fit`` trains.
+    A subclass names itself, declares its settings as fields, checks weights, and makes the program that ``fit`` trains.
+    A setting makes another row of a table and another file of weights.
 
     Args:
-        weights: Name of shipped weights or a ``.safetensors`` file; by default the shipped ones, if there are some for
-            these settings.
-        seed: Which of the seeds that the weights hold; by default the first.
+        weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file; by default those that
+            are shipped for these settings.
+        seed: Seed of the model to use, one of those that were trained; by default the first.
+
+    Raises:
+        SpecError: a setting is not allowed.
+        PredictorError: there are no such weights, or they are of another predictor.
     """
 
+    weights: str | Path | None = None
+    seed: int | None = None
     kind: ClassVar[str]
     shipped: ClassVar[str]
     """Name of the weights that are used where none are named."""
-    settings: ClassVar[tuple[str, ...]] = ()
-    """Arguments that make another row of a table, and another file of weights."""
-    fitted = True
-    """Training takes long and is never done on the side: ``predict`` says so where weights are missing."""
 
-    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
-        self.weights = None if weights is None else str(weights)
-        self.seed = None if seed is None else whole_number("seed", seed, 0, 2**31)
+    def __post_init__(self) -> None:
+        self.seed = SEED("seed", self.seed)
+        check_settings(self)
         self.tensors: Weights | None = None
         self.stacked: Weights = {}
         self.card: dict[str, Any] = {}
-        if weights is not None:
-            self.load(locate(str(weights), self.name))
+        if self.weights is not None:
+            self.load(locate(str(self.weights), self.name))
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor; ``source`` says whose they are."""
@@ -70,10 +67,17 @@ class Weighted:
     @property
     def name(self) -> str:
         """The predictor with those settings that are not at their defaults."""
-        defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
-        changed = {k: getattr(self, k) for k in self.settings if getattr(self, k) != defaults[k]}
-        whole = {k: int(v) for k, v in changed.items() if isinstance(v, float) and v.is_integer()}
-        return format_spec(self.kind, {**changed, **whole})
+        return name_of_settings(self)
+
+    @property
+    def fitted(self) -> bool:
+        """Whether there are weights: given, trained, or shipped for these settings."""
+        if self.tensors is None:
+            try:
+                locate(self.shipped, self.name)
+            except PredictorError:
+                return False
+        return True
 
     @property
     def fingerprint(self) -> str:
@@ -143,7 +147,7 @@ class Weighted:
         if epochs is not None and not isinstance(epochs, Iterable):
             raise SpecError(f"`epochs={epochs}` must be a list of numbers, one for each stage.")
         program = self.program(train, validation, device=device_named(device), **options)
-        made = training.train(
+        trained = training.train(
             program,
             seeds,
             device=device_named(device),
@@ -152,31 +156,42 @@ class Weighted:
             every=every,
             report=report,
         )
+        kept = {name: value.half().float() for name, value in program.finished(trained.weights).items()}
         each = [stage.epochs for stage in program.stages]
         card = {
             "predictor": self.name,
             "seeds": seeds,
+            "dt": train[0].observation.dt,
             "trained_on": list(names),
             "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
             f"trained for {'/'.join(map(str, each))} epochs",
-            "validation_ade": [round(score, 4) for score in made.score],
-            "epoch": made.epoch,
+            "validation_ade": [round(score, 4) for score in training.score(program, kept, trained, seeds, device)],
+            "epoch": trained.epoch,
             "training": {**program.config, "epochs": each},
-            "seconds": round(made.seconds, 1),
+            "seconds": round(trained.seconds, 1),
             "device": device,
             "commit": commit(),
             "versions": versions(),
             "precision": "trained in single, kept in half precision",
-            "curve": made.curve,
+            "curve": trained.curve,
         }
-        weights = program.finished(made.weights)
-        self.use({name: value.half().float() for name, value in weights.items()}, card)
+        self.use(kept, card)
         return self
 
-    def _ready(self) -> Weights:
-        """The weights of the seed; those shipped, if none were given."""
+    def _ready(self, observation: Observation | None = None) -> Weights:
+        """The weights of the seed; the shipped ones, if none were given.
+
+        Raises:
+            PredictorError: there are no weights, or the observation has another time step than they were trained on.
+        """
         if self.tensors is None:
             self.load(locate(self.shipped, self.name))
+        dt = float(self.card.get("dt", DT))
+        if observation is not None and not np.isclose(observation.dt, dt, rtol=1e-3):
+            raise PredictorError(
+                f"{self.name} was trained on time steps of {dt:.3g} s, and the observation has steps of "
+                f"{observation.dt:.3g} s: resample the data to {dt:.3g} s, or train on such steps."
+            )
         return cast(Weights, self.tensors)
 
     def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:

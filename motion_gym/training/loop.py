@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -27,6 +27,8 @@ from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.storage import write_atomic
 
 Weights = dict[str, Tensor]
+TRAINING, VALIDATION = 0, 1
+"""Purposes of random numbers."""
 
 
 @dataclass(frozen=True)
@@ -50,36 +52,43 @@ class Stage:
     decays: bool = False
 
 
-class Program(Protocol):
-    """What is to be trained."""
+class Program:
+    """What is to be trained; a subclass sets the attributes and gives first weights, losses and validation scores.
 
-    @property
-    def stages(self) -> Sequence[Stage]:
-        """Stages, one after another."""
-        ...
+    Attributes:
+        stages: Stages, one after another.
+        config: Everything that the result depends on, in JSON types; a checkpoint of another configuration is refused.
+    """
 
-    @property
-    def config(self) -> Mapping[str, Any]:
-        """All that the result depends on, in JSON types; a checkpoint of another configuration is refused."""
-        ...
+    stages: list[Stage]
+    config: dict[str, Any]
+
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        raise NotImplementedError
 
     def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights [M, ...]."""
-        ...
+        """First weights [M, ...] of all models."""
+        models = [self.first(seed) for seed in seeds]
+        return {name: torch.cat([weights[name] for weights in models]) for name in models[0]}
 
     def state(self, models: int) -> Tensor:
-        """State of the objective at the beginning of a stage."""
-        ...
+        """State of the objective at the beginning of a stage; empty here."""
+        return torch.zeros(0)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
     ) -> Iterator[Tensor]:
         """Losses [M] of the steps of an epoch, one after the other; weights change in between."""
-        ...
+        raise NotImplementedError
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
         """Validation scores [M], lower is better."""
-        ...
+        raise NotImplementedError
+
+    def finished(self, weights: Weights) -> Weights:
+        """The trained weights, on the CPU, with what the predictor needs besides."""
+        return weights
 
 
 @dataclass(frozen=True)
@@ -167,6 +176,18 @@ def train(
     return Trained(best, run.score.tolist(), run.score_epoch.tolist(), run.curve, run.seconds)
 
 
+def score(
+    program: Program, weights: Weights, trained: Trained, seeds: Sequence[int], device: torch.device | str = "cpu"
+) -> list[float]:
+    """Validation scores of other weights of the same models, as rounded ones, with the draws of their best epochs."""
+    generators = [
+        _generator(seed, epoch - 1, VALIDATION, torch.device(device))
+        for seed, epoch in zip(seeds, trained.epoch, strict=True)
+    ]
+    with torch.no_grad():
+        return program.validate({k: v.to(device) for k, v in weights.items()}, generators).tolist()
+
+
 @contextmanager
 def no_denormals() -> Iterator[None]:
     """Let numbers under 1e-38 be zero in this thread: gradients come to hold many, and CPUs are slow with them."""
@@ -221,8 +242,7 @@ class _Run:
 
     def generators(self, purpose: int) -> list[torch.Generator]:
         """A generator for each seed, for this epoch and purpose."""
-        drawn = [np.random.SeedSequence([s, self.epoch, purpose]).generate_state(1, np.uint64)[0] for s in self.seeds]
-        return [torch.Generator(self.device).manual_seed(int(n)) for n in drawn]
+        return [_generator(seed, self.epoch, purpose, self.device) for seed in self.seeds]
 
     def step(self) -> Progress:
         """One epoch."""
@@ -238,7 +258,7 @@ class _Run:
             for value in group["params"]:
                 value.requires_grad_(group["lr"] > 0)
         losses = []
-        for loss in self.program.losses(self.weights, self.state, index, self.generators(0), self.epoch):
+        for loss in self.program.losses(self.weights, self.state, index, self.generators(TRAINING), self.epoch):
             self.adam.zero_grad()
             loss.sum().backward()
             self.adam.step()
@@ -252,7 +272,7 @@ class _Run:
         score = None
         if stage.selects:
             with torch.no_grad():
-                scores = self.program.validate(self.weights, self.generators(1)).cpu()
+                scores = self.program.validate(self.weights, self.generators(VALIDATION)).cpu()
             self._check(scores[None], stage, "validation score")
             better = scores < self.score
             self.score[better] = scores[better]
@@ -334,6 +354,11 @@ class _Run:
         self.state = content["state"].to(self.device)
         self.score, self.score_epoch = content["score"].cpu(), content["score_epoch"].cpu()
         self.epoch, self.seconds, self.curve = content["epoch"], content["seconds"], content["curve"]
+
+
+def _generator(seed: int, epoch: int, purpose: int, device: torch.device) -> torch.Generator:
+    state = np.random.SeedSequence([seed, epoch, purpose]).generate_state(1, np.uint64)[0]
+    return torch.Generator(device).manual_seed(int(state))
 
 
 def _rate(stage: Stage, name: str) -> float:

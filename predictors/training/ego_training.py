@@ -15,7 +15,7 @@ from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import FREE, Scenes, kept_distances, scenes_of
 from motion_gym.predictors.weighted import Weights, check_complete
-from motion_gym.training.loop import Stage
+from motion_gym.training.loop import Program, Stage
 
 STYLED = "manoeuvre"
 """Name of the network with a style."""
@@ -42,7 +42,7 @@ def distance_and_trust(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return state[..., 1] / np.maximum(weight, 1e-9), weight / (weight + TRUST)
 
 
-class EgoProgram:
+class EgoProgram(Program):
     """Training of the ego-frame networks on a set of environments.
 
     Args:
@@ -118,22 +118,13 @@ class EgoProgram:
         self.seen = drawn[:, 0]
         self.distances = torch.tensor(distance_and_trust(drawn)[0], dtype=torch.float32, device=self.device)
 
-    def finished(self, weights: Weights) -> Weights:
-        """The weights as they are."""
-        return weights
-
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
         inputs = {
             "plain": torch.cat([self.scenes.before, self.scenes.during], dim=-1).cpu(),
             "manoeuvre": self.scenes.before.cpu(),
         }
-        each = [ego_network.initial(self.networks, inputs, seed) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
-
-    def state(self, models: int) -> Tensor:
-        """No state."""
-        return torch.zeros(0)
+        return ego_network.initial(self.networks, inputs, seed)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int

@@ -105,10 +105,9 @@ class StyledStgatProgram(StgatProgram):
         ]
         self.config["epochs_before"] = list(epochs[:-1])
 
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
-        each = [stgat_style.initial(self.features, seed) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        return stgat_style.initial(self.features, seed)
 
     def finished(self, weights: Weights) -> Weights:
         """Weights with the prior of the style, each environment counting the same, and the length of a step."""

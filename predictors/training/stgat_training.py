@@ -16,7 +16,7 @@ from motion_gym.data.windows import digest, pick_scenes, stack
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
 from motion_gym.predictors.training.objectives import Objective, risks_of
-from motion_gym.training.loop import Stage
+from motion_gym.training.loop import Program, Stage
 
 Inputs = Callable[[Observation], np.ndarray]
 """Turns an Observation into the network's input [8, A, F]."""
@@ -103,7 +103,7 @@ class Schedule:
         whole_number("scenes", self.scenes, 1, 1_000_000)
 
 
-class StgatProgram:
+class StgatProgram(Program):
     """Training of STGAT on a set of environments.
 
     Args:
@@ -166,14 +166,9 @@ class StgatProgram:
             "validation": [digest(v) for v in validation],
         }
 
-    def finished(self, weights: Weights) -> Weights:
-        """The weights as they are."""
-        return weights
-
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
-        each = [initial(self.features, seed) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        return initial(self.features, seed)
 
     def state(self, models: int) -> Tensor:
         """State of the objective."""

@@ -19,7 +19,7 @@ from motion_gym.predictors.settings import number
 from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
 from motion_gym.predictors.training.style_loss import style_loss
 from motion_gym.predictors.weighted import Weights, check_complete
-from motion_gym.training.loop import Stage
+from motion_gym.training.loop import Program, Stage
 
 PLAIN = ("encoder", "decoder")
 """Parts of the network without style."""
@@ -74,7 +74,7 @@ def mean_code(environments: Sequence[Pairs], weights: Weights) -> Tensor:
     return torch.stack(means).mean(dim=0)
 
 
-class StyleProgram:
+class StyleProgram(Program):
     """Training of the two-agent network on a set of environments.
 
     Args:
@@ -132,11 +132,9 @@ class StyleProgram:
             "validation": [digest(v) for v in validation],
         }
 
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
-        expected = pair_network.shapes() if self.styled else pair_network.shapes(PLAIN)
-        each = [pair_network.initial(seed, expected) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in expected}
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        return pair_network.initial(seed, pair_network.shapes() if self.styled else pair_network.shapes(PLAIN))
 
     def finished(self, weights: Weights) -> Weights:
         """Weights with what a predictor needs besides: the prior of the style, and the length of a step."""

@@ -253,7 +253,7 @@ def test_one_gradient_step_is_that_of_the_mean_distance(crowd):
         ("ekf:parts=all", PAIR, SpecError, r"are \d+ weights, and the covariance of more than 4096 is too large"),
         ("finetune:optimiser=adem", PAIR, SpecError, "no `optimiser=adem`. Did you mean `adam`"),
         ("finetune:rate=0", PAIR, SpecError, "`rate=0` must be a number above 0"),
-        ("finetune:anchor=1.5", PAIR, SpecError, "`anchor=1.5` is the share of a way: give a number from 0 to 1"),
+        ("finetune:anchor=1.5", PAIR, SpecError, "`anchor=1.5` is a share: give a number from 0 to 1"),
         ("ema_anchor:anchor=-1", PAIR, SpecError, "`anchor=-1`"),
         ("finetune:every=0", PAIR, SpecError, "`every=0`"),
         ("finetune:steps=0", PAIR, SpecError, "`steps=0`"),
@@ -298,7 +298,7 @@ def test_what_is_no_truth_is_refused(crowd, name):
         dataclasses.replace(scene, future=bad),
         dataclasses.replace(scene, known=bad[..., 0]),
     ):
-        with pytest.raises(DataError, match="What was observed"):
+        with pytest.raises(DataError, match="The observed truth"):
             made.observe(truth)
     assert snapshot(made) == before
 

@@ -1,6 +1,7 @@
 """The paper's two-agent network, with and without a style."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.domains import training_set
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.adapters.refine import Refine
-from motion_gym.predictors.modular import Modular, ModularInvariant, StyleErm, StyleInvariant
+from motion_gym.predictors.modular import Modular, StyleErm
 
 SHORT = (2, 1, 1, 2)
 OPTIONS = {"scenes": 16}
+StyleInvariant = functools.partial(StyleErm, penalty=1)
+ModularInvariant = functools.partial(Modular, penalty=1)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import functools
 import os
 
 import numpy as np
@@ -15,12 +16,14 @@ from motion_gym.data.storage import StorageError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.ego import EgoModular
 from motion_gym.predictors.networks import kernels
-from motion_gym.predictors.stgat import Counterfactual, Erm, ErmNoSigma, GroupDro, Invariant, VRex
+from motion_gym.predictors.stgat import Erm, GroupDro, Invariant, VRex
 from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
 from motion_gym.training import loop as training
 
 EPOCHS = (1, 1, 3)
+ErmNoSigma = functools.partial(Erm, sigma=False)
+Counterfactual = functools.partial(Erm, counterfactual=True)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +123,7 @@ def test_the_kept_weights_are_those_of_the_best_epoch(data):
 
 
 def test_training_lowers_the_error(data):
-    made = ErmNoSigma().fit(*data, [0, 1], epochs=(2, 2, 8))
+    made = Erm(sigma=False).fit(*data, [0, 1], epochs=(2, 2, 8))
     scores = [np.mean(entry["score"]) for entry in made.card["curve"] if "score" in entry]
     assert min(scores) < 0.8 * scores[0]
 
@@ -140,7 +143,7 @@ def test_saved_seeds_are_found_again(data, tmp_path):
     with pytest.raises(SpecError, match=r"is to use seed 9, and is to be trained with \[0\]"):
         Erm(seed=9).fit(*data, epochs=EPOCHS)
     with pytest.raises(PredictorError, match="trained with sigma"):
-        ErmNoSigma(path)
+        Erm(path, sigma=False)
 
 
 def test_a_checkpoint_of_another_configuration_is_refused(data, tmp_path):
