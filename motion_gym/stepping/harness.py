@@ -58,7 +58,9 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
         SpecError: the name is not known, or the domain names no sources to fit to.
     """
     made = catalog.predictor(predictor)
-    if isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False):
+    unfitted = isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False)
+    # A predictor with trained weights says in `fingerprint` that it has none: training takes too long to do it here.
+    if unfitted and not hasattr(made, "fingerprint"):
         train, validation = training_set(domain)
         guarded(made, "fit", train, validation, seed)
         if not hasattr(made, "trained_on"):

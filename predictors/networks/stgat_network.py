@@ -10,14 +10,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from motion_gym.contract import FUTURE
 from motion_gym.predictors.networks.graph_attention import Layout, graph_attention
-from motion_gym.predictors.networks.lstm import joined_weights, rolled_out, rolled_states, unrolled
+from motion_gym.predictors.networks.lstm import joined_weights, rolled_out, unrolled
 from motion_gym.predictors.weighted import Weights, check_shapes
 
 TRAJECTORY, GRAPH, NOISE = 32, 32, 16
@@ -180,21 +179,23 @@ def encode(steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Ten
 
 def decode(latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False) -> Tensor:
     """Roll the decoder out from a latent [M, A, 64] and the last displacements [A, 2]: [12, M, A, 2] displacements."""
-    return rolled_out(*_rolled(latent, last, noise, weights, counterfactual))
+    return _rolled_out(latent, last, noise, weights, counterfactual)[0]
 
 
 def decoder_states(
     latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False
 ) -> Tensor:
     """What the last layer maps to the displacements of ``decode``: [12, M, A, 80]."""
-    return rolled_states(*_rolled(latent, last, noise, weights, counterfactual))
+    return _rolled_out(latent, last, noise, weights, counterfactual)[1]
 
 
-def _rolled(latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool) -> tuple[Any, ...]:
+def _rolled_out(
+    latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool
+) -> tuple[Tensor, Tensor]:
     h = torch.cat([latent, noise], dim=-1)
     if counterfactual:
         without = torch.cat([torch.zeros_like(latent[..., :TRAJECTORY]), latent[..., TRAJECTORY:], noise], dim=-1)
         h = torch.stack([h, without], dim=2).flatten(1, 2)
     first = last.expand(len(h), -1, -1)
     out, bias = weights["stage3.weight"], weights["stage3.bias"]
-    return h, first, _lstm(weights, "decoder"), out, bias, FUTURE, counterfactual
+    return rolled_out(h, first, _lstm(weights, "decoder"), out, bias, FUTURE, counterfactual)

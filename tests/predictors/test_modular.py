@@ -103,7 +103,7 @@ def test_steps_of_another_length_tell_no_style(modular, reference):
     other = dataclasses.replace(reference, observation=dataclasses.replace(reference.observation, dt=0.1))
     made = Modular()
     made.use(modular.stacked, modular.card)
-    with pytest.raises(PredictorError, match=r"steps of 0.4 s, and was shown scenes with steps of 0.1 s"):
+    with pytest.raises(PredictorError, match=r"trained on time steps of 0.4 s, and the observation has steps of 0.1 s"):
         made.observe(other)
 
 
