@@ -11,10 +11,10 @@ import numpy as np
 import pyrvo
 from machine import machine
 
-from motion_gym.envs.rvo import simulate
+from motion_gym.envs.orca_engine.simulation import simulate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "envs"))
-from test_rvo import circle_crossing, feasible, rvo2
+from test_orca_engine import circle_crossing, feasible, rvo2
 
 
 def pyrvo_loop(start, goal, radius, steps=400):

@@ -13,7 +13,7 @@ from motion_gym.catalog import whole_number
 from motion_gym.contract import WINDOW, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.storage import cached_arrays
-from motion_gym.envs.rvo import ENGINE_VERSION, simulate
+from motion_gym.envs.orca_engine.simulation import ENGINE_VERSION, simulate
 
 STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
 """Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""
@@ -152,7 +152,7 @@ class Orca(RecordedDomain):
                 f"dropped: give a radius above {self.radius:g} m, a speed below {self.speed:g} m/s, or more scenes."
             )
         return {
-            "positions": simulation.positions[keep],
+            "positions": simulation.positions[keep].astype(np.float32),  # exact: the origin is zero here
             "first_infeasible": simulation.first_infeasible[keep],
         }
 

@@ -8,8 +8,7 @@ from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, 
 from motion_gym.stepping.registration import register_all
 
 if TYPE_CHECKING:
-    from motion_gym.checks.adapter_checks import check_adapter
-    from motion_gym.checks.checker import check_domain, check_predictor
+    from motion_gym.checks.checker import check_adapter, check_domain, check_predictor
     from motion_gym.checks.leaks import leak_probe
     from motion_gym.data.domains import RecordedDomain
     from motion_gym.data.recordings import read_recording
@@ -31,7 +30,7 @@ _LAZY = {
     "Stream": "motion_gym.online.streams",
     "RecordedDomain": "motion_gym.data.domains",
     "Scorecard": "motion_gym.scoring.evaluation",
-    "check_adapter": "motion_gym.checks.adapter_checks",
+    "check_adapter": "motion_gym.checks.checker",
     "check_domain": "motion_gym.checks.checker",
     "check_predictor": "motion_gym.checks.checker",
     "compare": "motion_gym.scoring.evaluation",

@@ -1,31 +1,44 @@
-"""Names of domains and predictors: two tables, and how a name, a spec or an object becomes an instance.
-
-A spec is ``name``, ``name:key=value,key=value``, ``module:Class`` or ``module:Class:key=value``.
-"""
+"""Names of domains and predictors: tables of names, and how a name, a spec or an object becomes an instance."""
 
 from __future__ import annotations
 
-import ast
-import difflib
 import importlib
 import inspect
-from collections.abc import Iterable, Mapping
+from collections import ChainMap
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from numbers import Integral
 from typing import Any
 
 from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError, raised_at
+from motion_gym.specs import format_spec, parse_spec, suggest, whole_number
+
+__all__ = [
+    "ADAPTERS",
+    "DOMAINS",
+    "PREDICTORS",
+    "Entry",
+    "adapter",
+    "alias_of",
+    "domain",
+    "format_spec",
+    "load_class",
+    "parse_spec",
+    "predictor",
+    "suggest",
+    "whole_number",
+]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One row of a table.
+    """A row of a table of names.
 
     Attributes:
-        target: ``"module:Class"``.
-        summary: A line about it.
-        env_id: Environment id, for domains.
-        parameters: Arguments of the class that an alias sets; those in a spec win over them.
+        target: ``module:Class``.
+        summary: One line about it.
+        env_id: Id of the Gymnasium environment, for a domain.
+        parameters: Parameters that the name stands for. The name with another number is another setting, as
+            ``ema_anchor:anchor=0.1``; the name with another value of any other type is refused.
     """
 
     target: str
@@ -139,57 +152,6 @@ ADAPTERS = {
 """Predictors around another one, that learn from revealed truth."""
 
 
-def suggest(name: str, allowed: Iterable[str]) -> str:
-    """Sentence for an unknown name: what was probably meant, and what is allowed."""
-    allowed = sorted(allowed)
-    lower = {word.lower(): word for word in allowed}
-    close = difflib.get_close_matches(name.lower(), lower, n=1)
-    meant = f" Did you mean `{lower[close[0]]}`?" if close else ""
-    return f"{meant} Known: {', '.join(allowed) if allowed else 'none'}."
-
-
-def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
-    """Split ``name:key=value,...`` into the name (or ``module:Class``) and its parameters.
-
-    Values are read as Python literals where they are one (``64``, ``0.5``, ``true``), else as text.
-
-    >>> parse_spec("eth:alpha=64,sigma=past")
-    ('eth', {'alpha': 64, 'sigma': 'past'})
-    >>> parse_spec("my_module:MyPredictor:fade=0.5")
-    ('my_module:MyPredictor', {'fade': 0.5})
-
-    Raises:
-        SpecError: a part that should be ``key=value`` is not, or a key is there twice.
-    """
-    head, *rest = spec.split(":")
-    if rest and "=" not in rest[0]:
-        head = f"{head}:{rest.pop(0)}"
-    parameters: dict[str, Any] = {}
-    for part in filter(None, ":".join(rest).split(",")):
-        key, equals, text = part.partition("=")
-        if not equals or not key.strip().isidentifier():
-            raise SpecError(
-                f"`{part}` in `{spec}` is not a parameter. Write `name:key=value,key=value`, as in `eth:alpha=64`."
-            )
-        if key.strip() in parameters:
-            raise SpecError(f"`{key.strip()}` is twice in `{spec}`: give it once.")
-        parameters[key.strip()] = _value(text.strip())
-    return head.strip(), parameters
-
-
-def whole_number(name: str, value: Any, least: int, most: int) -> int:
-    """The value as an int, if it is a whole number from ``least`` to ``most``; SpecError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
-        span = f"from {least} to {most}" if most < 1000 else f"{least} or more, and at most {most:,}"
-        raise SpecError(f"`{name}={value}` must be a whole number, {span}.")
-    return int(value)
-
-
-def format_spec(name: str, parameters: dict[str, Any]) -> str:
-    """Write a spec that ``parse_spec`` reads back, as long as no value holds a comma."""
-    return name + (":" if parameters else "") + ",".join(f"{k}={_text(v)}" for k, v in parameters.items())
-
-
 def alias_of(name: str, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """The alias of a predictor that implies most of its parameters, and the parameters that differ from the alias.
 
@@ -204,12 +166,16 @@ def alias_of(name: str, parameters: Mapping[str, Any]) -> tuple[str, dict[str, A
     """
     table = {**PREDICTORS, **ADAPTERS}
     for alias, entry in table.items():
-        if entry.parameters and name in table and table[name].target == entry.target:
-            pairs = [(parameters.get(key), value) for key, value in entry.parameters.items()]
-            # An alias may have another number, as another penalty, but not another kind of input.
-            if all(a == b or (isinstance(a, float) and isinstance(b, float)) for a, b in pairs):
-                return alias, {k: v for k, v in parameters.items() if entry.parameters.get(k) != v}
+        same_class = entry.parameters and name in table and table[name].target == entry.target
+        if same_class and all(_agree(parameters.get(key), value) for key, value in entry.parameters.items()):
+            return alias, {k: v for k, v in parameters.items() if entry.parameters.get(k) != v}
     return name, dict(parameters)
+
+
+def _agree(value: Any, implied: Any) -> bool:
+    """Whether a parameter may have this value under an alias: the implied one, or another number."""
+    both_numbers = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in (value, implied))
+    return both_numbers or bool(value == implied)
 
 
 def domain(spec: str | Domain, **parameters: Any) -> Domain:
@@ -222,7 +188,7 @@ def domain(spec: str | Domain, **parameters: Any) -> Domain:
     Raises:
         SpecError: the name or a parameter is not known, or a value is not allowed.
     """
-    return _make(spec, parameters, DOMAINS, "domain", ("windows",))
+    return _make(spec, parameters, _DOMAIN)
 
 
 def predictor(spec: str | Predictor, **parameters: Any) -> Predictor:
@@ -231,7 +197,7 @@ def predictor(spec: str | Predictor, **parameters: Any) -> Predictor:
     Raises:
         SpecError: the name or a parameter is not known, or a value is not allowed.
     """
-    return _make(spec, parameters, {**PREDICTORS, **ADAPTERS}, "predictor", ("predict",))
+    return _make(spec, parameters, _PREDICTOR)
 
 
 def adapter(spec: str | type, of: str | Predictor, **parameters: Any) -> Predictor:
@@ -248,8 +214,7 @@ def adapter(spec: str | type, of: str | Predictor, **parameters: Any) -> Predict
     """
     if "of" in parameters or (isinstance(spec, str) and "of" in parse_spec(spec)[1]):
         raise SpecError(f"`of` in `{spec}` is the predictor to adapt, which is given already: leave it out.")
-    around = {**parameters, "of": predictor(of)}
-    return _make(spec, around, ADAPTERS, "adapter", ("predict", "observe", "reset"))
+    return _make(spec, {**parameters, "of": predictor(of)}, _ADAPTER)
 
 
 def load_class(target: str, kind: str = "object") -> type:
@@ -263,111 +228,121 @@ def load_class(target: str, kind: str = "object") -> type:
         raise SpecError(f"`{target}` is no {kind}: write `module:Class`, as in `my_package.my_module:MyClass`.")
     try:
         module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        if error.name and (module_name == error.name or module_name.startswith(error.name + ".")):
+    except MotionGymError:
+        raise
+    except (Exception, SystemExit) as error:
+        missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+        if missing and f"{module_name}.".startswith(f"{missing}."):
             raise SpecError(
                 f"There is no module `{module_name}` for the {kind} `{target}`. Run from the folder that holds "
                 f"{module_name.split('.')[0]}.py, or install its package."
             ) from None
-        if error.name in ("torch", "safetensors", "numba") and module_name.startswith("motion_gym."):
+        if missing in ("torch", "safetensors", "numba") and module_name.startswith("motion_gym."):
             raise SpecError(
-                f"The {kind} `{class_name}` needs PyTorch, and {error.name} is not installed: "
+                f"The {kind} `{class_name}` needs PyTorch, and {missing} is not installed: "
                 'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'
             ) from None
-        raise SpecError(
-            f"Importing `{module_name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
-        ) from error
-    except (Exception, SystemExit) as error:
         raise SpecError(
             f"Importing `{module_name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
         ) from error
     if not hasattr(module, class_name):
         classes = [name for name, value in vars(module).items() if inspect.isclass(value)]
         raise SpecError(f"Module `{module_name}` has no `{class_name}`.{suggest(class_name, classes)}")
-    found = getattr(module, class_name)
-    if not callable(found):
-        raise SpecError(f"`{target}` is a {type(found).__name__}, not a class.")
-    return found
+    loaded = getattr(module, class_name)
+    if not callable(loaded):
+        raise SpecError(f"`{target}` is a {type(loaded).__name__}, not a class.")
+    return loaded  # type: ignore[no-any-return]
 
 
-def _make(spec: Any, parameters: dict[str, Any], table: dict[str, Entry], kind: str, needs: tuple[str, ...]) -> Any:
+@dataclass(frozen=True)
+class _Kind:
+    """What ``_make`` makes: how it is called, the names it is known by, and what it must have."""
+
+    name: str
+    table: Mapping[str, Entry]
+    methods: tuple[str, ...]
+    base: str | None = None
+
+    def check(self, thing: Any) -> Any:
+        """The thing, if it is of this kind; SpecError otherwise."""
+        name = type(thing).__name__
+        if self.base and not isinstance(thing, load_class(self.base)):
+            remedy = f"subclass motion_gym.{self.base.partition(':')[2]} and define {self.methods[0]}"
+            raise SpecError(f"{name} cannot be used as {self.name}: {remedy}.")
+        for method in self.methods:
+            if not callable(getattr(thing, method, None)):
+                raise SpecError(f"{name} cannot be used as {self.name}: it has no method `{method}`.")
+        return thing
+
+
+_DOMAIN = _Kind("domain", DOMAINS, ("recordings",), "motion_gym.data.domains:RecordedDomain")
+_PREDICTOR = _Kind("predictor", ChainMap(ADAPTERS, PREDICTORS), ("predict",))
+_ADAPTER = _Kind("adapter", ADAPTERS, ("predict", "observe", "reset"))
+
+
+def _make(spec: Any, parameters: dict[str, Any], kind: _Kind) -> Any:
+    """An instance from a name, a spec or a class; an instance is returned as it is."""
     if not isinstance(spec, str) and not inspect.isclass(spec):
         if parameters:
-            raise SpecError(f"{spec!r} is already a {kind}: parameters {sorted(parameters)} cannot be set on it.")
-        return _having(spec, needs, kind)
-    name, written = parse_spec(spec) if isinstance(spec, str) else (spec.__name__, {})
-    factory: Any
-    if not isinstance(spec, str):
-        factory = spec
-    elif name.partition(":")[0] in table and ":" in name:
-        name, _, rest = name.partition(":")
-        raise SpecError(f"`{rest}` in `{spec}` is not a parameter. Write `{name}:key=value`.")
-    elif ":" in name:
-        factory = load_class(name, kind)
-    elif name in table:
-        factory = load_class(table[name].target, kind)
-        written = {**table[name].parameters, **written}
-    else:
-        other = PREDICTORS if kind == "domain" else DOMAINS
-        hint = f" (It is a {'predictor' if kind == 'domain' else 'domain'}.)" if name in other else suggest(name, table)
-        raise SpecError(f"There is no {kind} `{name}`.{hint} Your own: `module:Class`.")
-    arguments = {**written, **parameters}
+            raise SpecError(f"{spec!r} is already a {kind.name}: parameters {sorted(parameters)} cannot be set on it.")
+        return kind.check(spec)
+    name, factory, arguments = _factory(spec, parameters, kind)
+    _check_arguments(name, factory, arguments, kind.name)
     try:
-        known = inspect.signature(factory).parameters
-    except (TypeError, ValueError):
-        raise SpecError(f"`{name}` is no {kind}: it has no signature that can be read.") from None
-    if not any(p.kind is p.VAR_KEYWORD for p in known.values()):
-        for key in arguments:
-            if key not in known and kind == "adapter" and key == "of":
-                raise SpecError(
-                    f"`{name}` is no adapter, as its constructor takes no predictor: let it begin `def __init__(self, "
-                    "of)`, and adapt a copy, `copy.deepcopy(of)`."
-                )
-            if key not in known:
-                raise SpecError(f"{kind.capitalize()} `{name}` has no parameter `{key}`.{suggest(key, known)}")
-    try:
-        return _having(factory(**arguments), needs, kind)
-    except TypeError as error:
-        ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-        missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
-        if missing == ["of"]:
-            raise SpecError(
-                f"`{name}` is an adapter, as it takes a predictor, `of`: name one, as `motion-gym check {name} --of "
-                "linear`, or motion_gym.adapter(...)."
-            ) from error
-        if missing:
-            raise SpecError(
-                f"{kind.capitalize()} `{name}` needs {', '.join(missing)}: `{name}:{missing[0]}=...`."
-            ) from error
-        raise SpecError(f"Making {kind} `{name}` raised TypeError: {error} ({raised_at(error)}).") from error
+        return kind.check(factory(**arguments))
     except MotionGymError:
         raise
     except (Exception, SystemExit) as error:
         raise SpecError(
-            f"Making {kind} `{name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
+            f"Making {kind.name} `{name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
         ) from error
 
 
-def _having(thing: Any, needs: tuple[str, ...], kind: str) -> Any:
-    for method in needs:
-        if not callable(getattr(thing, method, None)):
-            article = "an" if kind[0] in "aeiou" else "a"
-            raise SpecError(f"{type(thing).__name__} is not {article} {kind}: it has no method `{method}`.")
-    return thing
+def _factory(
+    spec: str | type, parameters: dict[str, Any], kind: _Kind
+) -> tuple[str, Callable[..., Any], dict[str, Any]]:
+    """The name, the class and the arguments that a spec or a class stands for."""
+    if not isinstance(spec, str):
+        return spec.__name__, spec, parameters
+    name, written = parse_spec(spec)
+    first, colon, rest = name.partition(":")
+    arguments = {**written, **parameters}
+    if first in kind.table and colon:
+        raise SpecError(f"`{rest}` in `{spec}` is not a parameter. Write `{first}:key=value`.")
+    if colon:
+        return name, load_class(name, kind.name), arguments
+    if name not in kind.table:
+        others = ((k.name, k.table) for k in (_DOMAIN, _PREDICTOR))
+        hint = next((f" (It is a {other}.)" for other, table in others if name in table), suggest(name, kind.table))
+        raise SpecError(f"There is no {kind.name} `{name}`.{hint} Your own: `module:Class`.")
+    entry = kind.table[name]
+    for key, value in entry.parameters.items():
+        if not _agree(arguments.get(key, value), value):
+            raise SpecError(f"`{name}` stands for `{key}={value}`, so `{key}={arguments[key]}` cannot be set on it.")
+    return name, load_class(entry.target, kind.name), {**entry.parameters, **arguments}
 
 
-def _text(value: Any) -> str:
-    """A value as ``_value`` reads it back: text that looks like something else is quoted."""
-    plain = not isinstance(value, str) or (_value(value) == value and value == value.strip())
-    if isinstance(value, bool):
-        return str(value).lower()
-    return str(value) if plain else repr(value)
-
-
-def _value(text: str) -> Any:
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
+def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str, Any], kind: str) -> None:
+    """Raise SpecError for arguments that a class does not take or lacks."""
     try:
-        return ast.literal_eval(text)
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        return text
+        known = inspect.signature(factory).parameters
+    except (TypeError, ValueError):
+        raise SpecError(f"`{name}` is no {kind}: it has no signature that can be read.") from None
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in known.values())
+    unknown = next((key for key in arguments if key not in known and not takes_any), None)
+    if unknown == "of" and kind == "adapter":
+        raise SpecError(
+            f"`{name}` is no adapter, as its constructor takes no predictor: let it begin `def __init__(self, "
+            "of)`, and adapt a copy, `copy.deepcopy(of)`."
+        )
+    if unknown is not None:
+        raise SpecError(f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}")
+    ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
+    if missing == ["of"]:
+        raise SpecError(
+            f"`{name}` is an adapter, as it takes a predictor, `of`: name one, as `motion-gym check {name} --of "
+            "linear`, or motion_gym.adapter(...)."
+        )
+    if missing:
+        raise SpecError(f"{kind.capitalize()} `{name}` needs {', '.join(missing)}: `{name}:{missing[0]}=...`.")

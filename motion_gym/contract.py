@@ -1,7 +1,8 @@
 """The contract: what flows between domains, predictors and the harness.
 
 Arrays are float32 numpy. The agents of all scenes are stacked, and scenes are delimited as in CSR matrices: the
-agents of scene ``s`` are ``scene[s]:scene[s + 1]``. Positions are metres in the world frame of the recording.
+agents of scene ``s`` are ``scene[s]:scene[s + 1]``. Positions are in the unit of the domain (metres, unless its card
+says otherwise), in the frame of the recording: axes as in the source, relative to ``Recording.origin``.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ FUTURE = 12
 """Forecast steps."""
 MOST_SAMPLES = 10_000
 """Largest number of samples K that can be asked for."""
+EXACT = 2**53
+"""Whole numbers below this survive the trip through float64."""
+ORIGIN_GRID = 1000.0
+"""The origin of a recording is a multiple of this, in the unit of its positions."""
 WINDOW = HISTORY + FUTURE
 """Steps of a window: 8 of history and 12 of future."""
 
@@ -54,13 +59,23 @@ def raised_at(error: BaseException) -> str:
 class Recording:
     """Tracks of one place, as columns of equal length, sorted by frame and agent.
 
+    Columns are converted: frames and ids of any integer type, or of whole floating-point numbers, become int64, and
+    positions float64. ``motion_gym.data.recordings.check_recording`` checks the values.
+
     Attributes:
         frame: [R] int64, frame number as in the source. Time is counted in *listed* frames: two frames that follow
             each other in ``numpy.unique(frame)`` are one step apart, as in the released program of the paper.
         agent: [R] int64, id of the agent in this recording.
-        xy: [R, 2] float64, metres, world frame.
+        xy: [R, 2] float64, positions in the frame and the unit of the source.
         dt: Seconds per step.
         name: Where it comes from, for messages.
+        origin: [2] float64, subtracted from ``xy`` in float64 before positions become float32. Observations, ground
+            truth and forecasts are relative to it: add it to get positions in the frame of the source. By default the
+            first row rounded to 1,000, so zero near the zero of the source; a cut made by ``dataclasses.replace`` keeps
+            it, so that it stays in the frame of the whole. Recordings of one domain may have different origins.
+
+    Raises:
+        DataError: a column has the wrong shape or type, or holds numbers that do not fit int64.
     """
 
     frame: np.ndarray
@@ -68,6 +83,48 @@ class Recording:
     xy: np.ndarray
     dt: float
     name: str = "recording"
+    origin: np.ndarray = None  # type: ignore[assignment]  # computed below where it is not given
+
+    def __post_init__(self) -> None:
+        frame, agent = self._whole_numbers("frame"), self._whole_numbers("agent")
+        xy = self._numbers("xy").astype(np.float64, copy=False)
+        if not frame.shape == agent.shape == xy.shape[:1] or xy.shape[1:] != (2,):
+            raise DataError(
+                f"recording {self.name}: frame, agent and xy have shapes {frame.shape}, {agent.shape} and {xy.shape}; "
+                "expected [R], [R] and [R, 2], with the same number of rows R."
+            )
+        if self.origin is None:
+            first = xy[:1].sum(axis=0)
+            origin = np.round(first / ORIGIN_GRID) * ORIGIN_GRID + 0.0 if np.isfinite(first).all() else np.zeros(2)
+        else:
+            origin = self._numbers("origin").astype(np.float64)
+        if origin.shape != (2,) or not np.isfinite(origin).all():
+            raise DataError(
+                f"recording {self.name}: origin is {self.origin}; give two finite numbers, or leave it out."
+            )
+        for column, values in (("frame", frame), ("agent", agent), ("xy", xy), ("origin", origin)):
+            object.__setattr__(self, column, values)
+
+    def _numbers(self, column: str) -> np.ndarray:
+        values = np.asarray(getattr(self, column))
+        if values.dtype.kind not in "iuf":
+            raise DataError(f"recording {self.name}: {column} holds {values.dtype}; convert it to numbers.")
+        return values
+
+    def _whole_numbers(self, column: str) -> np.ndarray:
+        values = self._numbers(column)
+        if values.dtype.kind == "f":
+            fits = (values == np.rint(values)) & (np.abs(values) < EXACT)
+        else:
+            fits = values <= np.iinfo(np.int64).max
+        if not fits.all():
+            row = int(np.argmin(fits.reshape(-1)))
+            limit = "2**53" if values.dtype.kind == "f" else "2**63"
+            raise DataError(
+                f"recording {self.name}, row {row}: {column} is {values.reshape(-1)[row]}, not a whole number below "
+                f"{limit}. Correct or leave out the row, or renumber the column."
+            )
+        return values.astype(np.int64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +132,8 @@ class Observation:
     """What a predictor sees.
 
     Attributes:
-        history: [A, 8, F] float32; x, y and, in some domains, further features per step; metres, world frame,
-            oldest first.
+        history: [A, 8, F] float32; x, y and, in some domains, further features per step, oldest first. Positions are
+            relative to the origin of the recording.
         scene: [S + 1] int64; agents of scene ``s`` are ``scene[s]:scene[s + 1]``.
         agent: [A] int64; stable id of each agent within its domain and split.
         dt: Seconds per step.
@@ -116,7 +173,7 @@ class Truth:
     """What happened after an observation.
 
     Attributes:
-        future: [A, 12, 2] float32, metres, world frame; zero where not known.
+        future: [A, 12, 2] float32, positions in the frame of the observation; zero where not known.
         known: [A, 12] bool; False for steps that never happened (the agent left) or are not yet revealed.
         observation: The Observation that this truth answers.
     """
@@ -131,8 +188,8 @@ class Forecast:
     """Positions of each agent at the 12 future steps, K samples.
 
     Attributes:
-        positions: [A, K, 12, 2] float32, metres, world frame. The samples of a scene's agents belong together: sample
-            k of the scene is sample k of each of its agents.
+        positions: [A, K, 12, 2] float32, in the frame of the observation. The samples of a scene's agents belong
+            together: sample k of the scene is sample k of each of its agents.
         weights: [A, K] float32 or None, how likely each sample is; None means equally likely.
     """
 
@@ -227,7 +284,7 @@ class Predictor(Protocol):
             seed: Source of all randomness.
 
         Returns:
-            Forecast, or its positions alone: [A, K, 12, 2] float32, metres, world frame.
+            Forecast, or its positions alone: [A, K, 12, 2] float32, in the frame of the observation.
         """
         ...
 

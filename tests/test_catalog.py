@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from motion_gym import catalog
 from motion_gym.contract import SpecError
+from motion_gym.data.domains import RecordedDomain
 
 fast = settings(max_examples=100, deadline=None)
 names = st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True)
@@ -20,18 +21,17 @@ values = st.one_of(
     st.booleans(),
     st.integers(),
     st.floats(allow_nan=False, allow_infinity=False),
-    st.text(st.characters(codec="ascii", exclude_characters=",", exclude_categories=["Cc"]), max_size=8),
+    st.text(st.characters(codec="ascii"), max_size=8),
+    st.text("',\"=:()[]\\ a1", max_size=8),
+    st.lists(st.integers(), max_size=3).map(tuple),
 )
 
 
-class Needs:
+class Needs(RecordedDomain):
     """A domain and predictor with a required and a positional argument."""
 
     def __init__(self, a, b=2):
         self.a, self.b = a, b
-
-    def windows(self, split):
-        raise NotImplementedError
 
     def predict(self, observation, samples=1, seed=0):
         raise NotImplementedError
@@ -89,6 +89,13 @@ def test_a_spec_is_read_back_as_it_was_written(name, parameters):
         ("eth:sigma=past,alpha=None", ("eth", {"sigma": "past", "alpha": None})),
         ("a.b:C:path=/tmp/x:y", ("a.b:C", {"path": "/tmp/x:y"})),
         ("eth:alpha=1e1,", ("eth", {"alpha": 10.0})),
+        ("m:C:path='a,b.txt',dt=0.1", ("m:C", {"path": "a,b.txt", "dt": 0.1})),
+        ("m:C:path='2024'", ("m:C", {"path": "2024"})),
+        (
+            "m:C:columns=(0, 1, 2, 4),of='modular:seed=2,past=3'",
+            ("m:C", {"columns": (0, 1, 2, 4), "of": "modular:seed=2,past=3"}),
+        ),
+        ("m:C:name=don't,k=it's", ("m:C", {"name": "don't", "k": "it's"})),
     ],
 )
 def test_parse(spec, expected):
@@ -145,6 +152,16 @@ def test_every_row_of_the_tables_is_a_class_with_a_summary(table):
     for entry in getattr(catalog, table).values():
         assert isinstance(catalog.load_class(entry.target), type)
         assert entry.summary
+
+
+def test_an_alias_stands_for_parameters(monkeypatch):
+    entry = catalog.Entry("motion_gym.predictors.linear:Linear", "with sigma", parameters={"sigma": True})
+    monkeypatch.setitem(catalog.PREDICTORS, "linear_sigma", entry)
+    made = catalog.predictor("linear_sigma:ridge=2")
+    assert (made.sigma, made.ridge) == (True, 2)
+    assert catalog.predictor("linear_sigma", sigma=True).sigma
+    with pytest.raises(SpecError, match="`linear_sigma` stands for `sigma=True`, so `sigma=False` cannot be set"):
+        catalog.predictor("linear_sigma:sigma=false")
 
 
 def test_module_and_class():
@@ -206,7 +223,9 @@ def test_what_cannot_be_module_and_class(spec):
 @pytest.mark.parametrize("thing", [None, 3, Nothing(), Nothing, f"{HERE}:Nothing", f"{HERE}:not_a_class"])
 @pytest.mark.parametrize("make", [catalog.predictor, catalog.domain])
 def test_what_has_not_the_methods(thing, make):
-    with pytest.raises(SpecError, match=r"it has no method|not a class"):
+    with pytest.raises(
+        SpecError, match=r"has no method|not a class|subclass motion_gym.RecordedDomain and define recordings"
+    ):
         make(thing)
 
 

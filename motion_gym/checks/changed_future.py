@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import functools
-import types
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, HISTORY, Domain, Recording, SpecError, Truth
-from motion_gym.data.domains import RecordedDomain
-from motion_gym.data.windows import Tracks, windows_of
+from motion_gym.contract import HISTORY, Domain, Recording, SpecError
+from motion_gym.data.windows import Tracks
 
 METRES = 5.0
 """Standard deviation of the noise on each coordinate."""
@@ -27,11 +24,11 @@ LATEST = 2000
 
 
 class Stage:
-    """A copy of a domain whose data can be changed under its feet; whoever holds the copy sees the change.
+    """A copy of a domain whose recordings can be changed while others hold the copy.
 
-    What is changed is the answer of the lowest method ``recordings`` among the domain's class and its bases, so that
-    all that subclasses make of it, and windows and histories, follow. Time counts listed frames over all recordings of
-    the split. Where windows do not follow from recordings, they are changed themselves, and time is their number.
+    The copy answers ``recordings`` of the split from data that is kept here; the library cuts all windows from it.
+    What ``recordings`` does with its files before is not changed. Time counts listed frames over all recordings of the
+    split.
 
     Args:
         domain: The domain; it is not changed.
@@ -41,43 +38,27 @@ class Stage:
 
     Attributes:
         domain: The copy.
-        seam: The method whose answer is changed.
         unprobed: What cannot be probed, and why.
 
     Raises:
-        SpecError: the split has nobody to observe, or nothing that could be changed.
+        SpecError: the split has nobody to observe.
     """
 
     def __init__(self, domain: Domain, clock: str, split: str, seed: int):
         self.clock, self.split, self.seed = clock, split, seed
-        self._original = domain
         self.domain: Any = copy.copy(domain)
-        self._given: Sequence[Recording] = ()
-        self._played: Sequence[Recording] = ()
-        self._frames: list[np.ndarray] = []
-        self._times: np.ndarray | None = None
-        self._windows: Truth | None = None
-        self._candidates = np.zeros(0, np.int64)
-        self._definer: type | None = None
+        if hasattr(domain, "kept"):
+            domain.windows(split)  # side effects of reading come now, and an unknown split is named
+        self._given = list(domain.recordings(split))
+        self._frames = [np.unique(recording.frame) for recording in self._given]
         self.unprobed: list[str] = []
-        name = type(domain).__name__
-        self.restore()
-        if clock == "windows":
-            self._windows = self.domain.windows(split)
-            self._candidates = np.arange(self._windows.observation.scenes)
-        for kind in type(domain).__mro__:
-            if "recordings" in vars(kind) and kind not in (RecordedDomain, Domain) and not self._reach(kind):
-                break
-        self.seam = f"{name}.windows" if self._definer is None else f"{self._definer.__name__}.recordings"
-        if self._definer is None:
-            if clock == "stream":
-                raise SpecError(f"{name} cannot be probed on the stream clock: no change of its recordings arrives.")
-            self.unprobed.append(f"{name}.windows does not follow from recordings: how it makes them was not probed")
+        self.change(None)
+        self._windows = self.domain.windows(split).observation.time if clock == "windows" else None
+        times = _observed(self._given) if self._windows is None else self._windows
+        # After the last frame there is nothing to change.
+        self._candidates = np.unique(times[times < sum(map(len, self._frames)) - 1])
         if not len(self._candidates):
             raise SpecError(f"Split `{split}` of {domain!r} has nobody to observe: nothing to probe.")
-        self.restore()
-        if self._definer is not None and clock == "windows":
-            self._times = self._window_times()
 
     def cuts(self, number: int) -> list[int]:
         """Times at which somebody is observed, one drawn in each of as many equal parts of the first 2000 steps."""
@@ -87,132 +68,30 @@ class Stage:
             self.unprobed.append(f"times after the first {LATEST} of {len(self._candidates)} steps")
         return sorted({int(t) for t in times[(parts * len(times)).astype(int)]})
 
-    def restore(self) -> None:
-        """Give the copy the data of the original again, without what it has cached."""
-        kind = type(self._original)
-        object.__setattr__(self.domain, "__class__", kind)
-        state = {
-            key: value
-            for key, value in vars(copy.copy(self._original)).items()
-            if not isinstance(getattr(kind, key, None), functools.cached_property)
-        }
-        vars(self.domain).clear()
-        # Whatever points back to the original is to point to the copy.
-        vars(self.domain).update(copy.deepcopy(state, {id(self._original): self.domain}))
-        self._times = None
+    def change(self, cut: int | None) -> None:
+        """Change all data of the copy after a time; None brings back the data of the original."""
+        recordings, original = self._given if cut is None else self._changed(cut), type(self.domain).recordings
+        vars(self.domain).pop("_made_once", None)
+        vars(self.domain)["recordings"] = lambda split: (
+            copy.deepcopy(recordings) if split == self.split else original(self.domain, split)
+        )
 
-    def change(self, cut: int) -> bool:
-        """Change all data after a time; whether windows are then still those of the recordings."""
-        self.restore()
-        if self._definer is not None:
-            self._install(self._definer, lambda: self._other(cut))
-        elif self._windows is not None:
-            truth, windows = _other_windows(self._windows, cut, self._rng(cut)), self.domain.windows
-            vars(self.domain)["windows"] = lambda split: truth if split == self.split else windows(split)
-        if self._unchanged():
-            self.unprobed.append(f"the change after time {cut} did not arrive: the domain keeps its data elsewhere")
-        if self._definer is None or self.clock == "stream":
-            return True
-        self._times = self._window_times()
-        return self._times is not None
-
-    def observed(self, env: Any) -> int:
-        """Time of what is observed now."""
-        if self._times is None or env.clock.time >= len(self._times):
+    def time(self, env: Any) -> int:
+        """Time of what is observed now: that of the frame, or of the window; after the last window none is."""
+        if self._windows is None:
             return int(env.clock.time)
-        return int(self._times[env.clock.time])
+        number = int(env.clock.time)
+        return int(self._windows[number]) if number < len(self._windows) else sum(map(len, self._frames))
 
-    def revealed(self, env: Any) -> int | None:
-        """Time of the last data that the next step reveals; None where that is the time after the step."""
-        if self.clock == "stream":
-            return None
-        return self.observed(env) + (1 if self._times is None else FUTURE)
-
-    def _reach(self, kind: type) -> bool:
-        """Whether a change of what ``kind.recordings`` gives arrives; if so, it is taken as the place of changes."""
-        caught: list[Sequence[Recording]] = []
-
-        def catch() -> Sequence[Recording]:
-            caught[:] = [copy.deepcopy(kind.recordings(self.domain, self.split))]  # type: ignore[attr-defined]
-            return copy.deepcopy(caught[0])
-
-        self.restore()
-        self._install(kind, catch)
-        try:
-            played = self.domain.recordings(self.split)
-        except NotImplementedError:
-            return False
-        if not caught or len(caught[0]) != len(played):
-            return False
-        frames = [np.unique(r.frame) for r in played]
-        if not all(np.isin(f, r.frame).all() for f, r in zip(frames, caught[0], strict=True)):
-            return False
-        times = self._window_times() if self.clock == "windows" else _observed(played)
-        if times is None:
-            return False
-        # After the last frame there is nothing to change.
-        times = times[times < sum(map(len, frames)) - 1]
-        before = self._given, self._frames, self._played
-        self._given, self._frames, self._played = caught[0], frames, played
-        if len(times):
-            self.restore()
-            self._install(kind, lambda: self._other(int(times[0])))
-            if self._unchanged():
-                self._given, self._frames, self._played = before
-                return False
-        self._definer, self._candidates = kind, times
-        return True
-
-    def _unchanged(self) -> bool:
-        """Whether what is played is still what the original gives."""
-        if self._windows is not None:
-            return bool(np.array_equal(self.domain.windows(self.split).future, self._windows.future))
-        now = self.domain.recordings(self.split)
-        return all(np.array_equal(a.xy, b.xy) for a, b in zip(self._played, now, strict=False))
-
-    def _install(self, kind: type, recordings: Callable[[], Sequence[Recording]]) -> None:
-        """Put a class right before ``kind`` in the copy's bases, whose ``recordings`` answers for it."""
-        copied, split, top = self.domain, self.split, type(self._original)
-
-        def answer(domain: Any, asked: str) -> Sequence[Recording]:
-            return recordings() if domain is copied and asked == split else kind.recordings(domain, asked)  # type: ignore[attr-defined]
-
-        body = {"recordings": answer, "__slots__": (), "__module__": kind.__module__}
-        changed = types.new_class(kind.__name__, (kind,), exec_body=lambda names: names.update(body))
-        if kind is not top:
-            changed = types.new_class(top.__name__, (top, changed), exec_body=lambda n: n.update(__slots__=()))
-        object.__setattr__(self.domain, "__class__", changed)
-
-    def _window_times(self) -> np.ndarray | None:
-        """[S] time of the last observed step of every window, if they are those of the recordings."""
-        played = self.domain.recordings(self.split)
-        starts = np.cumsum([0] + [len(np.unique(r.frame)) for r in played])
-        ticked = []
-        for recording, start in zip(played, starts, strict=False):
-            tick = np.unique(recording.frame, return_inverse=True)[1].reshape(-1) + start
-            ticked.append(dataclasses.replace(recording, xy=np.stack([tick, tick], axis=1).astype(np.float64)))
-        if not ticked:
-            return None
-        least, stride = (getattr(self.domain, key, 1) for key in ("min_agents", "stride"))
-        ours = windows_of(ticked, min_agents=least, stride=stride).observation
-        theirs = self.domain.windows(self.split).observation
-        if not (np.array_equal(ours.scene, theirs.scene) and np.array_equal(ours.agent, theirs.agent)):
-            return None
-        return ours.history[ours.scene[:-1], HISTORY - 1, 0].astype(np.int64)
-
-    def _rng(self, cut: int) -> np.random.Generator:
-        return np.random.default_rng([self.seed, cut])
-
-    def _other(self, cut: int) -> list[Recording]:
+    def _changed(self, cut: int) -> list[Recording]:
         """The recordings with another future after a time."""
-        starts = np.cumsum([0] + [len(f) for f in self._frames])
+        starts = np.cumsum([0] + [len(frames) for frames in self._frames])
         place = int(np.searchsorted(starts, cut, side="right")) - 1
-        frame, rng, others = self._frames[place][cut - starts[place]], self._rng(cut), []
-        for index, recording in enumerate(copy.deepcopy(self._given)):
-            if index >= place:
-                after = (recording.frame > frame) | (index > place)
-                recording = _other_future(recording, after, self.clock == "stream", rng)
-            others.append(recording)
+        frame, rng = self._frames[place][cut - starts[place]], np.random.default_rng([self.seed, cut])
+        others = list(self._given[:place])
+        for index, recording in enumerate(self._given[place:], place):
+            after = (recording.frame > frame) | (index > place)
+            others.append(_other_future(recording, after, self.clock == "stream", rng))
         return others
 
 
@@ -250,13 +129,3 @@ def _other_future(recording: Recording, after: np.ndarray, presence: bool, rng: 
     xy = np.concatenate([xy[keep], walks])
     order = np.lexsort((agent, frame))
     return dataclasses.replace(recording, frame=frame[order], agent=agent[order], xy=xy[order])
-
-
-def _other_windows(truth: Truth, cut: int, rng: np.random.Generator) -> Truth:
-    """Move the histories of the windows after a number, and the futures from that number on."""
-    observation, window = truth.observation, truth.observation.scene_index
-    history, future = observation.history.copy(), truth.future.copy()
-    history[window > cut] += rng.normal(0, METRES, history[window > cut].shape).astype(np.float32)
-    moved = (window >= cut)[:, None] & truth.known
-    future[moved] += rng.normal(0, METRES, future[moved].shape).astype(np.float32)
-    return Truth(future, truth.known, dataclasses.replace(observation, history=history))

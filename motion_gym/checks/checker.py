@@ -1,132 +1,218 @@
-"""What is wrong with a predictor or a domain: every rule of the contract, all findings at once.
+"""What is wrong with a predictor, an adapter or a domain: every rule of the contract, all findings at once.
 
-``check_predictor`` and ``check_domain`` raise; ``predictor_problems`` and ``domain_problems`` return the findings. The
-rules are listed in ``PREDICTOR_RULES`` and ``DOMAIN_RULES``. ``adapter_checks`` is the same for adapters.
+``check_predictor``, ``check_adapter`` and ``check_domain`` raise; ``run_checks`` returns a report.
 """
 
 from __future__ import annotations
 
+import copy
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from motion_gym import catalog
-from motion_gym.checks.domain_rules import DOMAIN_RULES, apply_domain_rules
-from motion_gym.checks.predictor_rules import PREDICTOR_RULES, apply_predictor_rules
-from motion_gym.contract import Domain, Predictor, PredictorError, SpecError
+from motion_gym.checks.adapter_rules import ADAPTER_METHODS, ADAPTER_RULES
+from motion_gym.checks.adapter_trials import AdapterTrial, domain_lessons, synthetic_lessons
+from motion_gym.checks.domain_rules import DOMAIN_RULES, DomainTrial
+from motion_gym.checks.predictor_method_rules import PREDICTOR_RULES
+from motion_gym.checks.predictor_trials import PredictorTrial
+from motion_gym.checks.report import CheckReport, Outcome, Rules, check_selection, describe, run_rules
+from motion_gym.contract import Domain, MotionGymError, Predictor, PredictorError, SpecError
 from motion_gym.stepping.harness import name_of
 
-__all__ = [
-    "DOMAIN_RULES",
-    "PREDICTOR_RULES",
-    "Problem",
-    "check_domain",
-    "check_predictor",
-    "domain_problems",
-    "predictor_problems",
-]
+KINDS: Mapping[str, Rules] = MappingProxyType(
+    {
+        "predictor": PREDICTOR_RULES,
+        "adapter": MappingProxyType({**PREDICTOR_RULES, **ADAPTER_RULES}),
+        "domain": DOMAIN_RULES,
+    }
+)
+NO_SKIPS: Mapping[str, str] = MappingProxyType({})
+PREDICTOR = "modular_invariant"
+"""The predictor that an adapter is put around if none is named."""
 
 
-@dataclass(frozen=True)
-class Problem:
-    """One broken rule.
+def rules(kind: str) -> dict[str, str]:
+    """Description of every rule by its name, in the order in which they run.
 
-    Attributes:
-        rule: Short name, a key of ``PREDICTOR_RULES``, ``DOMAIN_RULES`` or ``ADAPTER_RULES``.
-        message: What was seen, and what to do.
+    Args:
+        kind: ``predictor``, ``adapter`` or ``domain``.
+
+    Raises:
+        SpecError: there is no such kind.
     """
-
-    rule: str
-    message: str
-
-    def __str__(self) -> str:
-        return f"{self.rule}: {self.message}"
+    if kind not in KINDS:
+        raise SpecError(f"There are no rules for a `{kind}`.{catalog.suggest(str(kind), KINDS)}")
+    return describe(KINDS[kind])
 
 
-def check_predictor(predictor: str | type | Predictor, domain: str | Domain | None = None) -> None:
+def check_predictor(
+    predictor: str | type | Predictor,
+    domain: str | Domain | None = None,
+    *,
+    skip: Mapping[str, str] = NO_SKIPS,
+    only: Collection[str] = (),
+) -> None:
     """Hold a predictor to every rule of the contract, on small synthetic scenes that need no data.
 
-    What it is given is not changed: it works on copies. A predictor that can be fitted, and says not that it is
-    (``fitted``), is fitted to a small synthetic training set. One that refuses histories of x and y alone by a
-    PredictorError is given a third feature, and one that refuses scenes of 1, 2 and 5 agents is given pairs.
+    The predictor is not changed: the rules work on copies. A predictor that has ``fit`` and whose ``fitted`` is not
+    True is fitted to a small synthetic training set. One that refuses histories of x and y alone by a PredictorError
+    is given a third feature, and one that refuses scenes of 1, 2 and 5 agents is given pairs.
 
     Args:
         predictor: A name, a spec, ``"module:Class"``, a class or an instance.
-        domain: Where the scenes come from instead: for an oracle, of which little can be checked without, and for a
-            predictor that is made for particular scenes.
+        domain: Domain to take the scenes from instead; needed for an oracle, and for a predictor that is made for
+            particular scenes.
+        skip: Rules to leave out, each with its reason; see ``motion_gym.checks.rules``.
+        only: Rules to run; empty for all.
 
     Raises:
         PredictorError: it breaks rules; all of them are listed.
-        SpecError: there is no such predictor or domain.
+        SpecError: there is no such predictor, domain or rule.
     """
-    problems = predictor_problems(predictor, domain)
-    if problems:
-        raise PredictorError(listing(title_of(predictor), "predictor", problems))
+    report = run_checks(predictor, "predictor", domain=domain, skip=skip, only=only)
+    if not report.ok:
+        raise PredictorError(str(report))
 
 
-def predictor_problems(predictor: str | type | Predictor, domain: str | Domain | None = None) -> list[Problem]:
-    """Every rule that a predictor breaks; see ``check_predictor``."""
-    problems: dict[str, Problem] = {}
-    place = None if domain is None else catalog.domain(domain)
-    report = reporter(problems, PREDICTOR_RULES)
-    if not isinstance(predictor, str) and not callable(getattr(predictor, "predict", None)):
-        report("predict", f"{title_of(predictor)} has no method predict(observation, samples=1, seed=0): define it.")
-    else:
-        apply_predictor_rules(predictor, place, report, problems)
-    return list(problems.values())
+def check_adapter(
+    adapter: str | type | Predictor,
+    of: str | type | Predictor = PREDICTOR,
+    domain: str | Domain | None = None,
+    *,
+    skip: Mapping[str, str] = NO_SKIPS,
+    only: Collection[str] = (),
+) -> None:
+    """Hold an adapter to every rule of a predictor and of an adapter, on small synthetic scenes that need no data.
+
+    Neither the adapter nor the predictor is changed: the rules work on copies.
+
+    Args:
+        adapter: A name, a spec, ``"module:Class"`` or a class of adapters, whose constructor takes ``of``; or an
+            instance that has observed nothing yet, whose inner predictor is then not looked at.
+        of: The predictor to put it around: a name, a spec, ``"module:Class"``, a class or an instance. One that must
+            be fitted is fitted to a small training set.
+        domain: Domain to take the scenes from instead.
+        skip: Rules to leave out, each with its reason.
+        only: Rules to run; empty for all.
+
+    Raises:
+        PredictorError: it breaks rules, all of which are listed; or it cannot be put around this predictor.
+        SpecError: there is no such adapter, predictor, domain or rule.
+    """
+    report = run_checks(adapter, "adapter", of=of, domain=domain, skip=skip, only=only)
+    if not report.ok:
+        raise PredictorError(str(report))
 
 
-def check_domain(domain: str | type | Domain) -> None:
+def check_domain(
+    domain: str | type | Domain, *, skip: Mapping[str, str] = NO_SKIPS, only: Collection[str] = ()
+) -> None:
     """Hold a domain to every rule of the contract.
 
     Args:
         domain: A name, a spec, ``"module:Class"``, a class or an instance.
+        skip: Rules to leave out, each with its reason.
+        only: Rules to run; empty for all.
 
     Raises:
-        SpecError: it breaks rules, all of which are listed; or there is no such domain.
+        SpecError: it breaks rules, all of which are listed; or there is no such domain or rule.
         DataError: its data is missing or damaged.
     """
-    problems = domain_problems(domain)
-    if problems:
-        raise SpecError(listing(title_of(domain), "domain", problems))
+    report = run_checks(domain, "domain", skip=skip, only=only)
+    if not report.ok:
+        raise SpecError(str(report))
 
 
-def domain_problems(domain: str | type | Domain) -> list[Problem]:
-    """Every rule that a domain breaks; see ``check_domain``."""
-    problems: dict[str, Problem] = {}
-    report = reporter(problems, DOMAIN_RULES)
-    missing = [
-        member
-        for member in ("card", "recordings", "windows", "reference")
-        if not isinstance(domain, str) and not hasattr(domain, member)
-    ]
+def run_checks(
+    thing: Any,
+    kind: str,
+    *,
+    domain: str | Domain | None = None,
+    of: Any = PREDICTOR,
+    skip: Mapping[str, str] = NO_SKIPS,
+    only: Collection[str] = (),
+) -> CheckReport:
+    """Run the rules of a kind on a thing; arguments as for ``check_predictor``, ``check_adapter``, ``check_domain``.
+
+    Returns:
+        The report; ``str`` of it names every broken, skipped and unchecked rule.
+    """
+    rules(kind)
+    check_selection(KINDS[kind], skip, only)
+    first, needed = {
+        "predictor": ("predict", ("predict",)),
+        "adapter": ("adapter", ADAPTER_METHODS),
+        "domain": ("members", ("card", "recordings")),
+    }[kind]
+    missing = [name for name in needed if not isinstance(thing, str) and not hasattr(thing, name)]
     if missing:
-        report("members", f"{title_of(domain)} has no {', '.join(missing)}: see motion_gym.contract.Domain.")
+        problem = Outcome(first, "broken", f"it has no {', '.join(missing)}: define what motion_gym.contract asks for.")
+        return CheckReport(_title(thing), kind, (problem,))
+    place = None if domain is None else catalog.domain(domain)
+    if kind == "predictor":
+        outcomes = _predictor_outcomes(thing, place, skip, only)
+    elif kind == "adapter":
+        outcomes = _adapter_outcomes(thing, of, place, skip, only)
     else:
-        apply_domain_rules(catalog.domain(domain), report)  # type: ignore[arg-type]  # a class is welcome too
-    return list(problems.values())
+        trial = DomainTrial(catalog.domain(thing))
+        outcomes = run_rules({"members": DOMAIN_RULES["members"]}, trial, skip, only)
+        if not any(outcome.status == "broken" for outcome in outcomes):
+            others = {name: rule for name, rule in DOMAIN_RULES.items() if name != "members"}
+            outcomes += run_rules(others, trial, skip, only)
+    return CheckReport(_title(thing), kind, tuple(outcomes))
 
 
-def reporter(problems: dict[str, Problem], rules: Mapping[str, str]) -> Callable[[str, str], None]:
-    """Keeps the first finding of each rule: the others most often have the same cause."""
+def _predictor_outcomes(
+    predictor: Any, place: Domain | None, skip: Mapping[str, str], only: Collection[str]
+) -> list[Outcome]:
+    if isinstance(predictor, (str, type)):
+        catalog.predictor(predictor)  # type: ignore[arg-type]  # says what is wrong with a name
+        return run_rules(PREDICTOR_RULES, PredictorTrial(lambda: catalog.predictor(predictor), place), skip, only)  # type: ignore[arg-type]
+    try:
+        copy.deepcopy(predictor)
+    except Exception as error:
+        text = f"copy.deepcopy raised {type(error).__name__}: {error}; give its class to have the other rules checked."
+        return [Outcome("copy", "broken", text)]
+    return run_rules(PREDICTOR_RULES, PredictorTrial(lambda: copy.deepcopy(predictor), place), skip, only)
 
-    def report(rule: str, message: str) -> None:
-        if rule not in rules:
-            raise KeyError(f"There is no rule `{rule}`.{catalog.suggest(rule, rules)}")
-        problems.setdefault(rule, Problem(rule, message))
 
-    return report
+def _adapter_outcomes(
+    adapter: Any, of: Any, place: Domain | None, skip: Mapping[str, str], only: Collection[str]
+) -> list[Outcome]:
+    by_name = isinstance(adapter, (str, type))
+    source = of if by_name else adapter
+    inner = PredictorTrial(
+        lambda: catalog.predictor(source) if isinstance(source, (str, type)) else copy.deepcopy(source),  # type: ignore[arg-type]
+        place,
+    )
+    try:
+        ready = inner.ready()
+        inner.ask(ready)
+    except SpecError:
+        raise  # a misspelt name
+    except MotionGymError as error:
+        where = "the windows of the domain" if place is not None else "synthetic scenes of 1, 2 and 5 agents, or pairs"
+        raise PredictorError(f"{_title(source)} could not be asked to forecast {where}: {error}") from error
+
+    def around(predictor: Any) -> Any:
+        return catalog.adapter(adapter, predictor) if by_name else predictor
+
+    made = copy.deepcopy(around(ready))
+    outcomes = _predictor_outcomes(made, place, skip, only)
+    seen = inner.scenes.truth.observation
+    sizes = np.diff(seen.scene).tolist()
+    lessons = domain_lessons(place) if place is not None else synthetic_lessons(seen.history.shape[2], sizes)
+    own = PredictorTrial(lambda: copy.deepcopy(made), place)
+    trial = AdapterTrial(own, lessons, ready if by_name else None, around)
+    return outcomes + run_rules(ADAPTER_RULES, trial, skip, only)
 
 
-def title_of(thing: Any) -> str:
+def _title(thing: Any) -> str:
     """Name of what is checked: a spec, a class or an instance."""
     if isinstance(thing, str):
         return thing
     return thing.__name__ if inspect.isclass(thing) else name_of(thing)
-
-
-def listing(title: str, kind: str, problems: list[Problem]) -> str:
-    """All findings as one message."""
-    rules = "1 rule" if len(problems) == 1 else f"{len(problems)} rules"
-    return f"{title} breaks {rules} of the {kind} contract:\n" + "\n".join(f"- {p}" for p in problems)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +13,8 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.checks.changed_future import Stage
-from motion_gym.contract import Domain, Forecast, Observation, Predictor, SpecError, Truth
+from motion_gym.checks.domain_rules import features_problem
+from motion_gym.contract import FUTURE, Domain, Forecast, Observation, Predictor, SpecError, Truth
 from motion_gym.data.domains import spec_of
 from motion_gym.stepping.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
 from motion_gym.stepping.harness import ask, name_of, ready, tell
@@ -37,8 +39,7 @@ class LeakReport:
         clock: ``stream`` or ``windows``.
         split: Split that was played.
         changed: The method whose answer was changed: what happens before it, as in reading a file, was not probed.
-        cuts: Times after which all data was changed: listed frames since the first, over all recordings; numbers of
-            windows where windows do not follow from recordings.
+        cuts: Times after which all data was changed: listed frames since the first, over all recordings.
         checked: Number of values compared by kind: agent-times, or states.
         side_channels: Declared oracle side channels that did read the future: the most that a value changed.
         selections: Declared ways in which it depends on the future *who* is observed.
@@ -94,8 +95,8 @@ class _Tape:
 
 
 def leak_probe(
-    domain: str | Domain,
-    predictor: str | Predictor = "constant_velocity",
+    predictor: str | Predictor,
+    domain: str | Domain | None = None,
     *,
     clock: str = "stream",
     split: str = "test",
@@ -105,21 +106,23 @@ def leak_probe(
 ) -> LeakReport:
     """Change all data after time t, play again, and compare, bit for bit, all that was handed out up to t.
 
-    The second world has positions moved by metres; on the stream clock people also leave, are lost for a while, or
-    come new, and frames disappear or are added. It goes through the domain's own code (``Stage``) and through
-    ``ForecastEnv``. Compared are who is observed, histories, rewards and ends, revealed truth, forecasts and what the
-    predictor holds. In the second world the predictor is shown what it was shown in the first, and the environment is
-    given the same forecasts: so each leak is reported where it arises. On the stream clock the predictor observes
-    truth as it is revealed; on the windows clock, as in ``evaluate``, the reference scenes alone.
+    In the second world positions are moved by metres; on the stream clock people also leave, are lost for a while, or
+    come new, and frames disappear or are added. The changes are made in what the domain's ``recordings`` returns, and
+    go through the library's own windows and ``ForecastEnv``. Compared are who is observed, histories, rewards and
+    ends, revealed truth, forecasts and the predictor's state. In the second world the predictor is shown what it was
+    shown in the first, and the environment is given the same forecasts: so each leak is reported where it arises. On
+    the stream clock the predictor observes truth as it is revealed, in whole scenes; on the windows clock, as in
+    ``evaluate``, it observes the reference scenes alone. A domain's ``features`` are also tried on other observed
+    steps, since data that it keeps for itself does not change with the recordings.
 
-    What cannot be found in this way: what the lowest method ``recordings`` does with its files (the report names it; a
-    subclass that normalises there is found), and a predictor that carries the data of the split within itself, trained
-    on it or read from a file of its own. ``possible_agents``, which PettingZoo asks for, lists those to come.
+    The probe cannot find: what ``recordings`` does with its files, and a predictor that carries the data of the split
+    within itself, trained on it or read from a file of its own. ``possible_agents``, which PettingZoo asks for, lists
+    agents that have not appeared yet.
 
     Args:
-        domain: A name, a spec, ``"module:Class"`` or a domain; it is not changed.
         predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it plays, and if it holds the domain,
             the copy holds the changed one.
+        domain: A name, a spec, ``"module:Class"`` or a domain; it is not changed.
         clock: ``stream`` or ``windows``.
         split: Which split.
         cuts: Number of times t, one in each of as many equal parts of the episode, or of its first 2000 steps.
@@ -127,38 +130,40 @@ def leak_probe(
         **parameters: Parameters of the domain.
 
     Raises:
-        SpecError: a name or option is not known, or the domain has nothing that could be changed.
+        SpecError: a name or option is not known, or the split has nobody to observe.
         PredictorError: the predictor broke its contract.
         DataError: data is missing or damaged.
     """
+    predictor, domain = _in_order(predictor, domain)
     if clock not in CLOCKS:
         raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
     if isinstance(cuts, bool) or not isinstance(cuts, int) or cuts < 1:
         raise SpecError(f"`cuts={cuts}` must be a whole number, 1 or more: the times after which data is changed.")
     place = catalog.domain(domain, **parameters)
     stage = Stage(place, clock, split, seed)
-    made, unprobed = predictor, stage.unprobed
+    given, unprobed = predictor, stage.unprobed
     if not isinstance(predictor, (str, type)):
         try:
-            made = copy.deepcopy(predictor, {id(place): stage.domain})
+            given = copy.deepcopy(predictor, {id(place): stage.domain})
         except Exception as error:
             unprobed.append(f"{name_of(predictor)} cannot be copied ({error}): if it looks into the domain, unseen.")
-    made = ready(made, stage.domain, seed)
+    player = ready(given, stage.domain, seed)
     times = stage.cuts(cuts)
-    first = _play(stage, made, max(times), seed, None)
+    first = _play(stage, player, max(times), seed, None)
     leaks = {fault: fault for fault in first.faults}
+    if getattr(place, "feature_names", ()):
+        problem = features_problem(place, place.recordings(split))
+        leaks |= {"features": problem} if problem else {}
     checked: Counter[str] = Counter()
     side_channels: dict[str, float] = {}
     for cut in times:
-        if not stage.change(cut):
-            leaks.setdefault("windows", f"which windows there are changes with positions after time {cut}")
-            continue
-        second = _play(stage, made, cut, seed, first)
+        stage.change(cut)
+        second = _play(stage, player, cut, seed, first)
         for kind, sentence in _compare(first, second, cut, stage.domain.card, checked, side_channels).items():
             leaks.setdefault(kind, sentence)
     oracles: list[str] = []
-    name = name_of(made)
-    if hasattr(made, "know"):
+    name = name_of(player)
+    if hasattr(player, "know"):
         read = [leaks.pop(kind) for kind in ("forecasts", "weights", "states") if kind in leaks]
         oracles = [f"{name} is told what no forecaster can know", *read]
     return LeakReport(
@@ -166,7 +171,7 @@ def leak_probe(
         predictor=predictor if isinstance(predictor, str) else name,
         clock=clock,
         split=split,
-        changed=stage.seam,
+        changed=f"{type(place).__name__}.recordings",
         cuts=tuple(times),
         checked=dict(checked),
         side_channels=side_channels,
@@ -177,10 +182,27 @@ def leak_probe(
     )
 
 
+def _in_order(predictor: Any, domain: Any) -> tuple[Any, Any]:
+    """Predictor and domain, also where they are given in the order of earlier versions: domain, predictor."""
+    named = isinstance(predictor, str) and catalog.parse_spec(predictor)[0] in catalog.DOMAINS
+    if not named and not hasattr(predictor, "recordings"):
+        if domain is None:
+            raise SpecError("leak_probe needs a domain: leak_probe(predictor, domain).")
+        return predictor, domain
+    warnings.warn(
+        "leak_probe(domain, predictor) is the order of earlier versions: write leak_probe(predictor, domain).",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return ("constant_velocity" if domain is None else domain), predictor
+
+
 def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | None) -> _Tape:
     """Play an episode up to a time; in the second world, show and do what was shown and done in the first."""
     tape = _Tape()
     dt, streams = stage.domain.card.dt, stage.clock == "stream"
+    if first is None:
+        stage.change(None)
     ready(predictor, stage.domain, seed)
     if hasattr(predictor, "observe") and not streams:
         tell(predictor, stage.domain.reference())
@@ -194,7 +216,7 @@ def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | Non
             return tape  # nobody is left in the second world, and the comparison says so
         observations, _ = env.reset()
         tape.states[START] = _state(predictor, stage.domain)
-        while env.agents and (now := stage.observed(env)) <= stop:
+        while env.agents and (now := stage.time(env)) <= stop:
             names = list(env.agents)
             seen = observation_from_dict(observations, dt, names)
             tape.rows[now, "histories"] = names, seen.history
@@ -212,9 +234,8 @@ def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | Non
             tape.rows[now, "weights"] = names, weights
             acted = forecast.positions if first is None else first.rows[now, "forecasts"][1]
             actions = forecast_to_dict(Forecast(acted[:, :1]), names)
-            then = stage.revealed(env)
             observations, rewards, ends, _, infos = env.step(actions)
-            then = stage.observed(env) if then is None else then
+            then = stage.time(env) if streams else now + FUTURE
             tape.rows[then, "rewards"] = names, np.array([[rewards[n], ends[n]] for n in names])
             truth = truth_from_infos(infos, dt)
             if truth is not None:

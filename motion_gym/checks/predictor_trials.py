@@ -1,20 +1,23 @@
-"""Small scenes to try a predictor on, and a way of asking it that sees what a call changes besides answering."""
+"""Small scenes to try a predictor on, and the trial that the rules of a predictor take."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
+from motion_gym.checks.report import NotChecked
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, Forecast, MotionGymError, Observation, SpecError, Truth
 from motion_gym.data.domains import TrainingSet, training_set
+from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import offsets, pick_scenes
-from motion_gym.stepping.harness import checked, guarded, name_of
-from motion_gym.stepping.snapshot import global_randomness, snapshot
+from motion_gym.stepping.harness import guarded, name_of
+from motion_gym.stepping.snapshot import global_randomness
 
 MIXED = (1, 2, 5, 1, 2)
 PAIRS = (2, 2, 2, 2)
@@ -23,12 +26,11 @@ FAR = 1e4
 SAMPLES = 20
 SCENES, TRAINING_SCENES = 6, 40
 """Scenes taken from a domain, to forecast and of each training environment."""
-Report = Callable[[str, str], None]
-Given = TypeVar("Given", Observation, Truth)
+Writable = TypeVar("Writable", Observation, Truth)
 
 
 @dataclass(frozen=True)
-class Trial:
+class Scenes:
     """Scenes to forecast, others of the same kind, and what to train on.
 
     Attributes:
@@ -44,7 +46,7 @@ class Trial:
     synthetic: bool = True
 
 
-def synthetic_trial(features: int = 2, pairs: bool = False) -> Trial:
+def synthetic_scenes(features: int = 2, pairs: bool = False) -> Scenes:
     """Scenes of 1, 2 and 5 agents, or of 2 alone; one agent stands still, one scene is far from the origin."""
     sizes = PAIRS if pairs else MIXED
 
@@ -52,7 +54,7 @@ def synthetic_trial(features: int = 2, pairs: bool = False) -> Trial:
         train, validation = ([synthetic(sizes * 6, features, seed + e) for e in (0, 1)] for seed in (10, 20))
         return train, validation
 
-    return Trial(synthetic(sizes, features, 1, FAR), synthetic(sizes, features, 2, -FAR), training)
+    return Scenes(synthetic(sizes, features, 1, FAR), synthetic(sizes, features, 2, -FAR), training)
 
 
 def synthetic(sizes: Sequence[int], features: int, seed: int, far: float = 0.0) -> Truth:
@@ -79,7 +81,7 @@ def synthetic(sizes: Sequence[int], features: int, seed: int, far: float = 0.0) 
     return Truth(xy[:, HISTORY:].astype(np.float32), np.ones((agents, FUTURE), bool), observation)
 
 
-def domain_trial(domain: Any) -> Trial:
+def domain_scenes(domain: Any) -> Scenes:
     """The first test windows of a domain, and a few training windows of its sources, or of itself if it has none."""
     test = domain.windows("test")
     scenes = np.arange(test.observation.scenes)
@@ -94,7 +96,7 @@ def domain_trial(domain: Any) -> Trial:
         few = slice(0, TRAINING_SCENES)
         return [writable(pick_scenes(t, few)) for t in train], [writable(pick_scenes(v, few)) for v in validation]
 
-    return Trial(pick_scenes(test, scenes[:SCENES]), pick_scenes(test, scenes[-SCENES:]), training, synthetic=False)
+    return Scenes(pick_scenes(test, scenes[:SCENES]), pick_scenes(test, scenes[-SCENES:]), training, synthetic=False)
 
 
 def swapped(observation: Observation, other: Observation, rows: np.ndarray) -> Observation:
@@ -109,108 +111,128 @@ def partly_known(truth: Truth) -> Truth:
     return Truth(np.where(known[..., None], truth.future, np.float32(0)), known, truth.observation)
 
 
-def writable(given: Given) -> Given:
+def writable(value: Writable) -> Writable:
     """A copy that a predictor could write to."""
-    copies: dict[str, Any] = {}
-    for field in dataclasses.fields(given):
-        value = getattr(given, field.name)
-        if isinstance(value, Observation):
-            copies[field.name] = writable(value)
-        elif isinstance(value, np.ndarray):
-            copies[field.name] = np.array(value)
-    return dataclasses.replace(given, **copies)
+    return copy.deepcopy(value)
 
 
-class Subject:
-    """A predictor as the rules ask it; findings that may come with any call are reported here.
+class PredictorTrial:
+    """A predictor with the scenes that its rules ask it about.
 
     Args:
-        predictor: The instance.
-        trial: Scenes.
-        report: Called with the name of a rule and what is wrong.
+        make: Makes the predictor anew, in the state that is to be checked.
+        domain: Domain to take the scenes from, or None for synthetic scenes.
     """
 
-    def __init__(self, predictor: Any, trial: Trial, report: Report):
-        self.predictor, self.trial, self.report = predictor, trial, report
+    def __init__(self, make: Callable[[], Any], domain: Any = None):
+        self.make, self.domain = make, domain
 
-    def has(self, method: str) -> bool:
-        """Whether the predictor has an optional method."""
-        return hasattr(self.predictor, method)
+    @functools.cached_property
+    def trainable(self) -> bool:
+        """Whether the predictor has to be fitted before it can be asked."""
+        made = self.make()
+        return hasattr(made, "fit") and getattr(made, "fitted", False) is not True
 
-    def of(self, predictor: Any) -> Subject:
-        """Another predictor, the same scenes."""
-        return Subject(predictor, self.trial, self.report)
+    @functools.cached_property
+    def scenes(self) -> Scenes:
+        """The first scenes that the predictor does not refuse by an error of motion-gym."""
+        if self.domain is not None:
+            return domain_scenes(self.domain)
+        choices = [synthetic_scenes(features, pairs) for pairs in (False, True) for features in (2, 3)]
+        for scenes in choices:
+            try:
+                self.answer(self.fitted(scenes), scenes.truth.observation, 1)
+            except MotionGymError as error:
+                if error.__cause__ is not None:
+                    break  # it crashed: other scenes are for predictors that refuse these
+            else:
+                return scenes
+        return choices[0]
 
-    def copied(self) -> Subject:
-        """A deep copy; the predictor itself where that cannot be made, which has then been reported."""
+    @functools.cached_property
+    def _first(self) -> Any:
+        return self.fitted(self.scenes)
+
+    @functools.cached_property
+    def _incomparable(self) -> str:
+        """Why forecasts cannot be compared; empty if they can."""
         try:
-            return self.of(copy.deepcopy(self.predictor))
+            predictor = self.ready()
+            if same(self.ask(predictor), self.ask(predictor)):
+                return ""
+        except MotionGymError as error:
+            return f"the predictor gives no valid forecast ({error})"
+        return "the predictor gives another forecast each time it is asked"
+
+    def comparable(self) -> None:
+        """Raise NotChecked unless the predictor gives valid forecasts that repeat."""
+        if self._incomparable:
+            raise NotChecked(self._incomparable)
+
+    def fresh(self) -> Any:
+        """The predictor as it is made, told the domain if it is an oracle."""
+        made = self.make()
+        if hasattr(made, "know"):
+            if self.domain is None:
+                raise NotChecked("an oracle forecasts nothing before it knows a domain: give one")
+            guarded(made, "know", self.domain)
+        return made
+
+    def fitted(self, scenes: Scenes, world: int = 0) -> Any:
+        """A new predictor that can be asked, fitted if it has to be, with the global generators at ``world``."""
+        made = self.fresh()
+        if self.trainable:
+            with global_randomness(world):
+                guarded(made, "fit", *scenes.training(), 0)
+        return made
+
+    def ready(self) -> Any:
+        """A predictor that can be asked and changed: a copy of the first one, or a new one if it cannot be copied."""
+        try:
+            return copy.deepcopy(self._first)
+        except MotionGymError:
+            raise
         except Exception:
-            return self
+            return self.fitted(self.scenes)
 
-    def ask(self, observation: Observation | None = None, samples: int = SAMPLES, seed: int = 3) -> Forecast | None:
-        """A forecast of the trial's scenes or others; None after a report of what was wrong with it."""
-        here = self.trial.truth.observation if observation is None else observation
-        try:
-            answer = self.answer(here, samples, seed)
-        except MotionGymError as error:
-            self.report("predict", f"with samples={samples}: {error}")
-            return None
-        try:
-            forecast = checked(answer, here, samples, name_of(self.predictor))
-        except MotionGymError as error:
-            self.report("forecast", f"with samples={samples}: {error}")
-            return None
-        # The very array that was returned, so that a later change of it is seen.
-        return Forecast(answer.positions if isinstance(answer, Forecast) else answer, forecast.weights)
+    def answer(self, predictor: Any, observation: Observation, samples: int = SAMPLES, seed: int = 3) -> Any:
+        """What predict returns, unchecked; the global generators differ with the seed."""
+        with global_randomness(seed):
+            return guarded(predictor, "predict", writable(observation), samples=samples, seed=seed)
 
-    def answer(self, observation: Observation, samples: int = 1, seed: int = 0) -> Any:
-        """What predict returns, unchecked."""
-        given = writable(observation)
-        with global_randomness() as used:
-            answer = guarded(self.predictor, "predict", given, samples=samples, seed=seed)
-        if used:
-            self.report(
-                "randomness",
-                f"predict drew from, or seeded, the global generator of {' and '.join(used)}: use "
-                "numpy.random.default_rng(seed), or torch.Generator().manual_seed(seed).",
-            )
-        if snapshot(given) != snapshot(observation):
-            self.report("input", "predict changed its observation: work on a copy, observation.history.copy().")
-        return answer
-
-    def fit(self, world: int = 0) -> None:
-        """Fit it with seed 0, whatever the global generators stand at.
+    def ask(
+        self, predictor: Any, observation: Observation | None = None, samples: int = SAMPLES, seed: int = 3
+    ) -> Forecast:
+        """A forecast of the trial's scenes or of others, as a copy.
 
         Raises:
-            PredictorError: it cannot be.
+            PredictorError: predict raised, or returned something that is no forecast.
         """
-        sets = self.trial.training()
-        before = snapshot(sets)
-        with global_randomness(world):
-            returned = guarded(self.predictor, "fit", *sets, 0)
-        if snapshot(sets) != before:
-            self.report("input", "fit changed its training set: work on copies of the arrays.")
-        if returned is not None and returned is not self.predictor:
-            self.report("fit", f"fit returned another object, a {type(returned).__name__}: return self.")
-        if getattr(self.predictor, "fitted", True) is not True:
-            self.report("fit", f"after fit, fitted is {self.predictor.fitted!r}: make it True.")
+        here = self.scenes.truth.observation if observation is None else observation
+        answer = self.answer(predictor, here, samples, seed)
+        return check_forecast(answer, here, samples, f"{name_of(predictor)}.predict")
 
-    def observe(self) -> bool:
-        """Let it see partly known truth; whether that went well."""
-        truth = partly_known(self.trial.truth)
-        given = writable(truth)
-        fine = self.call("observe", "observe", given)
-        if fine and snapshot(given) != snapshot(truth):
-            self.report("input", "observe changed the truth that it was shown: work on a copy.")
-        return fine
+    def observe(self, predictor: Any) -> None:
+        """Show the predictor truth that is partly known."""
+        with global_randomness():
+            guarded(predictor, "observe", writable(partly_known(self.scenes.truth)))
 
-    def call(self, rule: str, method: str, *arguments: Any) -> bool:
-        """Call a method; whether it raised nothing."""
-        try:
-            with global_randomness():
-                guarded(self.predictor, method, *arguments)
-        except MotionGymError as error:
-            self.report(rule, str(error))
-            return False
-        return True
+
+def same(a: Forecast, b: Forecast) -> bool:
+    """Whether two forecasts are bit-identical."""
+    if (a.weights is None) != (b.weights is None):
+        return False
+    weights = a.weights is None or np.array_equal(a.weights, b.weights)  # type: ignore[arg-type]
+    return weights and np.array_equal(a.positions, b.positions)
+
+
+def distances(a: Forecast, b: Forecast) -> np.ndarray:
+    """[A] largest distance over samples and steps, metres; infinite where the shapes differ."""
+    if a.positions.shape != b.positions.shape:
+        return np.full(len(a.positions), np.inf)
+    return np.abs(a.positions.astype(np.float64) - b.positions).max(axis=(1, 2, 3), initial=0)
+
+
+def gap(a: Forecast, b: Forecast) -> str:
+    """How far two forecasts are apart, for messages."""
+    return f"up to {distances(a, b).max(initial=0):.2g} m"

@@ -18,6 +18,7 @@ from motion_gym import catalog
 from motion_gym.benchmarks import report, results
 from motion_gym.cli import adapt as cli_online
 from motion_gym.cli import training as cli_training
+from motion_gym.cli.draw import draw
 from motion_gym.cli.output import console, progress_bar, say
 from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError, SpecError
 from motion_gym.data import datasets
@@ -156,9 +157,12 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
 
 
 def check(
-    thing: Thing,
+    thing: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="THING")] = None,
     domain: str = "orca:scenes=40",
     of: Annotated[str | None, tyro.conf.arg(metavar="PREDICTOR")] = None,
+    list: bool = False,
+    only: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RULE")] = [],  # noqa: B006
+    skip: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RULE=REASON")] = [],  # noqa: B006
 ) -> None:
     """Hold a predictor, an adapter or a domain to the contract, and look for leaks of the future on both clocks.
 
@@ -167,31 +171,40 @@ def check(
         domain: For a predictor or an adapter: the domain on which leaks are looked for.
         of: For an adapter: the predictor to put it around, by default modular_invariant. Your own class is checked as
             an adapter if this is given.
+        list: List the rules of each kind and check nothing.
+        only: Run only this rule, and no leak probe; give it once for each rule.
+        skip: Leave out a rule, with the reason that the report prints; give it once for each rule.
     """
-    from motion_gym.checks.adapter_checks import check_adapter
-    from motion_gym.checks.checker import check_domain, check_predictor
+    from motion_gym.checks.checker import KINDS, PREDICTOR, rules, run_checks
     from motion_gym.checks.leaks import leak_probe
 
-    predictor: Any
-    if of is not None or catalog.parse_spec(thing)[0] in catalog.ADAPTERS:
-        place, of = catalog.domain(domain), of or "modular_invariant"
-        check_adapter(thing, of, place)
-        say(f"{thing} around {of} keeps the contract of an adapter.")
+    if list:
+        for kind in KINDS:
+            _list(f"Rules of {kind}s", ("rule", "what"), [*rules(kind).items()])
+        return
+    if thing is None:
+        raise SpecError("Nothing was named to check: motion-gym check THING, or motion-gym check --list.")
+    reasons = dict(part.partition("=")[::2] for part in skip)
+    place = catalog.domain(domain)
+    predictor: Any = thing
+    kind = "adapter" if of is not None or catalog.parse_spec(thing)[0] in catalog.ADAPTERS else "predictor"
+    if kind == "predictor" and not _is_predictor(thing):
+        kind, place, predictor = "domain", catalog.domain(thing), BASELINE
+    of = of or PREDICTOR
+    found = run_checks(thing, kind, of=of, domain=None if kind == "domain" else place, only=only, skip=reasons)
+    if not found.ok:
+        raise PredictorError(str(found)) if kind != "domain" else SpecError(str(found))
+    say(str(found).replace(thing, f"{thing} around {of}", 1) if kind == "adapter" else str(found))
+    if only:
+        return
+    if kind == "adapter":
         predictor = catalog.adapter(thing, ready(of, place))
-    elif _is_predictor(thing):
-        place, predictor = catalog.domain(domain), thing
-        check_predictor(thing, domain=place)
-        say(f"{thing} keeps the contract of a predictor.")
-    else:
-        place, predictor = catalog.domain(thing), BASELINE
-        check_domain(place)
-        say(f"{thing} keeps the contract of a domain.")
     # An oracle reads the world by permission, and simulates whole windows.
     oracle = hasattr(catalog.predictor(predictor), "know")
     for clock in ("windows",) if oracle else ("windows", "stream"):
-        found = leak_probe(place, predictor, clock=clock)
-        console.print(str(found), highlight=False, markup=False)
-        if not found.ok:
+        probe = leak_probe(predictor, place, clock=clock)
+        console.print(str(probe), highlight=False, markup=False)
+        if not probe.ok:
             raise DataError(f"{thing} leaks the future; see above.")
 
 
@@ -253,6 +266,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "table": table,
     "ls": ls,
     "check": check,
+    "draw": draw,
     "data": data,
 }
 
@@ -344,8 +358,8 @@ def _is_predictor(thing: str) -> bool:
             f"There is no predictor or domain `{name}`.{catalog.suggest(name, known)} Your own: `module:Class`."
         )
     kind = catalog.load_class(target)
-    if not any(hasattr(kind, method) for method in ("predict", "windows", "recordings")):
-        raise SpecError(f"{target} is neither a predictor (method `predict`) nor a domain (`windows`, `recordings`).")
+    if not any(hasattr(kind, method) for method in ("predict", "recordings")):
+        raise SpecError(f"{target} is neither a predictor (method `predict`) nor a domain (`recordings`).")
     return hasattr(kind, "predict")
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
-import hashlib
-import logging
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from motion_gym.contract import DataError, SpecError
-from motion_gym.data.storage import StorageError, data_folder, write_atomic
+from motion_gym.catalog import suggest
+from motion_gym.contract import DataError, MotionGymError, SpecError
+from motion_gym.data.storage import StorageError, data_folder, digest, write_atomic
 
 
 @dataclass(frozen=True)
@@ -107,9 +106,13 @@ DATASETS: Mapping[str, DataSet] = {
 
 
 def dataset(name: str) -> DataSet:
-    """The data set of that name; a SpecError suggests what was meant."""
+    """The data set of that name.
+
+    Raises:
+        SpecError: There is no such data set; the message suggests what was meant.
+    """
     if name not in DATASETS:
-        raise SpecError(f"there is no data set {name!r}{_meant(name, DATASETS)} Known: {', '.join(DATASETS)}.")
+        raise SpecError(f"There is no data set `{name}`.{suggest(name, DATASETS)}")
     return DATASETS[name]
 
 
@@ -131,34 +134,34 @@ def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
 
     Raises:
         DataError: A file differs, or none was found.
-        StorageError: The data folder cannot be written to.
+        StorageError: A file could not be written to the data folder; the message names those that were.
     """
     entry, source = dataset(name), Path(source_dir).expanduser()
     if not source.is_dir():
         raise DataError(f"{source} is not a folder. Give the folder that holds the files of {name}.")
     wanted = {alias: file for file in entry.files for alias in (file.name, *file.aliases)}
-    found: dict[str, bytes] = {}
+    right: dict[str, bytes] = {}
     different: dict[str, str] = {}
     for folder, folders, names in os.walk(source):
         folders.sort()
         for path in (Path(folder, each) for each in sorted(names) if each in wanted):
             file = wanted[path.name]
-            content = b"" if file.name in found else _bytes(path)
-            if file.name not in found and _sha256(content) == file.sha256:
-                found[file.name] = content
-            elif file.name not in found and path.name == file.name:  # other files are called like an alias, too
+            content = b"" if file.name in right else _bytes(path)
+            if file.name not in right and digest(content) == file.sha256:
+                right[file.name] = content
+            elif file.name not in right and path.name == file.name:  # other files are called like an alias, too
                 different.setdefault(file.name, f"{path}: {_difference(file, content)}")
-    wrong = [message for each, message in different.items() if each not in found]
+    wrong = [message for each, message in different.items() if each not in right]
     if wrong:
         raise DataError(
             f"{name}: nothing was copied, because {len(wrong)} of the files found in {source} differ from "
             "the expected ones:\n  " + "\n  ".join(wrong) + f"\nGet them again: {entry.source}."
         )
-    if not found:
+    if not right:
         names_wanted = ", ".join(file.name for file in entry.files)
         raise DataError(f"{name}: none of its files is in {source} or below. Looked for: {names_wanted}.")
-    for each, content in found.items():
-        write_atomic(data_folder() / name / each, content)
+    for number, (each, content) in enumerate(right.items()):
+        _write(name, each, content, list(right)[:number])
     return verify(name)
 
 
@@ -172,12 +175,20 @@ def fetch(name: str, base: str | None = None) -> list[FileState]:
 
     Raises:
         DataError: A file could not be downloaded, or is not the expected one. Those before it are kept.
-        StorageError: The data folder cannot be written to.
+        StorageError: A file could not be written to the data folder; the message names those that were.
     """
-    for file in dataset(name).files:
-        if _state(name, file).state != "ok":
-            address = f"{base.rstrip('/')}/{file.name}" if base else file.address
-            write_atomic(data_folder() / name / file.name, _download(name, file, address))
+    import pooch  # takes a quarter of a second, and is needed here only
+
+    pooch.get_logger().setLevel("WARNING")  # it would report the temporary folder below
+    missing = {state.file for state in verify(name) if state.state != "ok"}
+    files = [file for file in dataset(name).files if file.name in missing]
+    address = {file.name: f"{base.rstrip('/')}/{file.name}" if base else file.address for file in files}
+    # Into a temporary folder: pooch writes files that no other user can read, which breaks shared data folders.
+    with tempfile.TemporaryDirectory() as folder:
+        registry = {file.name: f"sha256:{file.sha256}" for file in files}
+        shelf = pooch.create(folder, base_url="", registry=registry, urls=address, retry_if_failed=1)
+        for number, file in enumerate(files):
+            _write(name, file.name, _download(shelf, name, file, address[file.name]), list(registry)[:number])
     return verify(name)
 
 
@@ -188,11 +199,11 @@ def locate(name: str, file: str) -> Path:
 
     Raises:
         SpecError: There is no such data set, or no such file in it.
-        DataError: The file is missing or damaged; the message says what to do.
+        DataError: The file is missing, damaged or not readable; the message says what to do.
     """
     files = {each.name: each for each in dataset(name).files}
     if file not in files:
-        raise SpecError(f"{name} has no file {file!r}{_meant(file, files)} It has: {', '.join(files)}.")
+        raise SpecError(f"Data set `{name}` has no file `{file}`.{suggest(file, files)}")
     row = _state(name, files[file], remember=True)
     if row.state == "ok":
         return row.path
@@ -215,55 +226,65 @@ def _state(name: str, file: DataFile, remember: bool = False) -> FileState:
         status = path.stat()
     except (FileNotFoundError, NotADirectoryError):
         return FileState(file.name, "missing", file.size, file.sha256, path)
+    except OSError as error:
+        raise _unreadable(path, error) from None
     seen = (str(path.absolute()), status.st_size, status.st_mtime_ns, file.sha256)
-    whole = (remember and seen in _verified) or (status.st_size == file.size and _sha256(_bytes(path)) == file.sha256)
+    whole = (remember and seen in _verified) or (status.st_size == file.size and digest(_bytes(path)) == file.sha256)
     if whole:
         _verified.add(seen)
     return FileState(file.name, "ok" if whole else "damaged", file.size, file.sha256, path)
 
 
-def _download(name: str, file: DataFile, address: str) -> bytes:
-    import pooch  # takes a quarter of a second, and is needed here only
+def _write(name: str, file: str, content: bytes, before: list[str]) -> None:
+    """Write a file into the data folder; ``before`` are the files that this command has written already."""
+    try:
+        write_atomic(data_folder() / name / file, content)
+    except StorageError as error:
+        written = f"{', '.join(before)} were written and are whole" if before else "no file was written"
+        failure = StorageError(f"{error} Of {name}, {written}; then run the same command again.")
+        failure.errno = error.errno
+        raise failure from error
+
+
+def _download(shelf: Any, name: str, file: DataFile, address: str) -> bytes:
+    """Content of a file, downloaded by a Pooch that knows its checksum."""
+    import pooch
     import requests
 
-    source = DATASETS[name].source
-    instead = f"Instead, get the files elsewhere ({source}), then run `motion-gym data add {name} --from DIR`."
-    logger = pooch.get_logger()
-    level = logger.level
-    logger.setLevel(logging.ERROR)
+    def download(url: str, path: str, shelf: Any) -> None:
+        pooch.HTTPDownloader(timeout=30)(url, path, shelf)
+        content = _bytes(Path(path))
+        if digest(content) != file.sha256:  # before pooch finds that, for a message that says in what way it differs
+            raise DataError(f"{address} is not the expected {file.name}: {_difference(file, content)}. {instead}")
+
+    instead = (
+        f"Instead, get the files elsewhere ({DATASETS[name].source}), then run `motion-gym data add {name} --from DIR`."
+    )
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            # The checksum is compared below, for a message that says in what way the file differs.
-            got = pooch.retrieve(address, None, fname="file", path=folder, downloader=pooch.HTTPDownloader(timeout=30))
-            content = _bytes(Path(got))
+        return _bytes(Path(shelf.fetch(file.name, downloader=download)))
     except requests.HTTPError as error:
-        response = error.response
-        status = f"{response.status_code} {response.reason}" if response is not None else str(error)
+        status = str(error).partition(" for url")[0]
         raise DataError(f"{file.name} could not be downloaded: {address} answered {status}. {instead}") from None
     except requests.RequestException as error:
         # The system's own words ("Connection refused") are the last thing in a chain of wrapped messages.
         system = re.search(r"\[Errno -?\d+\] ([\w ,']+)", str(error))
-        reason = "no answer within 30 s" if isinstance(error, requests.Timeout) else system[1] if system else error
         raise DataError(
             f"{file.name} could not be downloaded: {address}: the network or the server was not reachable "
-            f"({reason}). {instead}"
+            f"({system[1] if system else type(error).__name__}). {instead}"
         ) from None
+    except MotionGymError:
+        raise
     except OSError as error:
         raise StorageError(
             f"{file.name} could not be written to {tempfile.gettempdir()}: {error.strerror or error}. "
             "Free space there, or set TMPDIR to another folder."
         ) from None
-    finally:
-        logger.setLevel(level)
-    if _sha256(content) != file.sha256:
-        raise DataError(f"{address} is not the expected {file.name}: {_difference(file, content)}. {instead}")
-    return content
 
 
 def _difference(file: DataFile, content: bytes) -> str:
     """What was expected, what was found, and what most likely happened."""
     unix = content.replace(b"\r\n", b"\n")
-    if file.sha256 in (_sha256(unix), _sha256(unix.replace(b"\n", b"\r\n"))):
+    if file.sha256 in (digest(unix), digest(unix.replace(b"\n", b"\r\n"))):
         cause = "its line endings were converted (by git or an editor)"
     elif content.startswith(b"version https://git-lfs"):
         cause = "it is a Git LFS pointer, not the file itself"
@@ -275,7 +296,7 @@ def _difference(file: DataFile, content: bytes) -> str:
         cause = "it was edited, or is another version"
     return (
         f"expected {file.size} bytes with sha256 {file.sha256}, found {len(content)} bytes with sha256 "
-        f"{_sha256(content)}; probably {cause}"
+        f"{digest(content)}; probably {cause}"
     )
 
 
@@ -283,13 +304,10 @@ def _bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror or error}. Make it readable.") from None
+        raise _unreadable(path, error) from None
 
 
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-def _meant(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f". Did you mean {close[0]!r}?" if close else "."
+def _unreadable(path: Path, error: OSError) -> DataError:
+    return DataError(
+        f"{path} cannot be read: {error.strerror or error}. Make it readable, or set MOTION_GYM_DATA to another folder."
+    )

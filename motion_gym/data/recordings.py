@@ -17,10 +17,11 @@ from typing import NamedTuple, NoReturn
 
 import numpy as np
 
-from motion_gym.contract import DataError, Recording, SpecError
+from motion_gym.contract import EXACT, DataError, Recording, SpecError
 
 _NAMES = ("frame", "id", "x", "y")
-_EXACT = 2**53  # whole numbers up to here survive the trip through float64
+FARTHEST = 2.0**17
+"""Farthest position from the origin, in the unit of the domain: float32 resolves 1/128 there."""
 
 
 class _Fault(NamedTuple):
@@ -60,7 +61,10 @@ def read_recording(
         SpecError: ``dt`` or ``columns`` is not allowed.
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise SpecError(f"path is a {type(path).__name__}; give the name of a text file.")
+        raise SpecError(
+            f"path={path!r} is not text: give the name of a file, and quote it in a spec where it looks like a number, "
+            "as in \"path='2024'\"."
+        )
     path = Path(path)
     if not isinstance(columns, Sequence) or not all(isinstance(c, int) and not isinstance(c, bool) for c in columns):
         raise SpecError(f"columns={columns!r} must be four column numbers, counted from 0: those of frame, id, x and y")
@@ -88,43 +92,36 @@ def read_recording(
 
 
 def check_recording(recording: Recording) -> None:
-    """Check a recording that was built in memory, as a file would be.
+    """Check the values of a recording that was built in memory, as those of a file are checked.
 
     Raises:
-        DataError: A column has the wrong shape or type, or a row is bad; the message names the first bad row,
-            counted from 0, and the remedy.
+        DataError: A row is bad; the message names the first bad row, counted from 0, and the remedy.
         SpecError: ``dt`` is not allowed.
     """
-    name, frame, agent, xy = recording.name, recording.frame, recording.agent, recording.xy
+    name, frame, agent = recording.name, recording.frame, recording.agent
     _check_dt(recording.dt)
-    for label, array, shape in (("frame", frame, "[R]"), ("agent", agent, "[R]"), ("xy", xy, "[R, 2]")):
-        if not isinstance(array, np.ndarray):
-            raise DataError(f"recording {name}: {label} is a {type(array).__name__}; make it a numpy array {shape}.")
-        right = array.shape == (len(frame), 2) if label == "xy" else array.ndim == 1 and len(array) == len(frame)
-        if not right:
-            raise DataError(
-                f"recording {name}: {label} has shape {array.shape}; expected {shape}, with the same number "
-                "of rows R in frame, agent and xy."
-            )
-        kinds, kind = ("f", "float64") if label == "xy" else ("iu", "int64")
-        if array.dtype.kind not in kinds:
-            raise DataError(f"recording {name}: {label} is {array.dtype}; convert it: {label}.astype(numpy.{kind}).")
     if len(frame) == 0:
         raise DataError(f"recording {name} has no rows. Expected at least one frame with one agent.")
-    table = np.column_stack([frame, agent, xy]).astype(np.float64)
-    fault = _first_fault(table)
-    if fault is None:
-        swapped = np.flatnonzero((np.diff(frame) == 0) & (np.diff(agent) < 0))
-        if len(swapped) == 0:
-            return
+    fault = _first_fault(np.column_stack([frame, agent, recording.xy]))
+    swapped = np.flatnonzero((np.diff(frame) == 0) & (np.diff(agent) < 0))
+    if fault is None and len(swapped):
         row = int(swapped[0]) + 1
         fault = _Fault(row, row - 1, "order", f"agent {agent[row]} comes after agent {agent[row - 1]} of its frame")
-    remedy = {
-        "order": "Sort all columns: order = numpy.lexsort((agent, frame)).",
-        "duplicate": "Keep one of the two rows, or give the second agent another id.",
-    }.get(fault.kind, "Correct or leave out the row.")
-    earlier = "" if fault.earlier is None else f" (row {fault.earlier})"
-    raise DataError(f"recording {name}, row {fault.row}: {fault.what}{earlier}. {remedy}")
+    if fault is not None:
+        remedy = {
+            "order": "Sort all columns: order = numpy.lexsort((agent, frame)).",
+            "duplicate": "Keep one of the two rows, or give the second agent another id.",
+        }.get(fault.kind, "Correct or leave out the row.")
+        earlier = "" if fault.earlier is None else f" (row {fault.earlier})"
+        raise DataError(f"recording {name}, row {fault.row}: {fault.what}{earlier}. {remedy}")
+    far = np.abs(recording.xy - recording.origin).max(axis=1) > FARTHEST
+    if far.any():
+        row = int(far.argmax())
+        raise DataError(
+            f"recording {name}, row {row}: the position {recording.xy[row].tolist()} is more than {FARTHEST:,.0f} from "
+            f"the origin {recording.origin.tolist()}, where float32 no longer resolves 0.01. Correct the row, leave "
+            "`origin` out so that it follows from the first row, or make two recordings of two places."
+        )
 
 
 def _check_dt(dt: float) -> None:
@@ -175,7 +172,7 @@ def _first_fault(table: np.ndarray) -> _Fault | None:
         column = int(infinite[row].argmax())
         faults.append(_Fault(row, None, "finite", f"{_NAMES[column]} is {table[row, column]}, not a finite number"))
     with np.errstate(invalid="ignore"):
-        fraction = (table[:, :2] != np.rint(table[:, :2])) | (np.abs(table[:, :2]) >= _EXACT)
+        fraction = (table[:, :2] != np.rint(table[:, :2])) | (np.abs(table[:, :2]) >= EXACT)
         backwards = np.diff(table[:, 0]) < 0
     if fraction.any():
         row = int(fraction.any(axis=1).argmax())

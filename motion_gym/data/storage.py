@@ -10,6 +10,7 @@ import os
 import re
 import secrets
 import tempfile
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -25,23 +26,46 @@ class StorageError(MotionGymError, OSError):
     """A file could not be written; ``errno`` is that of the cause."""
 
 
+LEFTOVER = re.compile(r"\..+\.[0-9a-f]{16}\.tmp")
+"""Names under which ``atomic_file`` writes."""
+LEFTOVER_AGE = 3600.0
+"""Seconds after which a file of such a name is no longer being written."""
+
+
 def data_folder() -> Path:
     """Folder of the data sets: ``MOTION_GYM_DATA``, or the user's data folder."""
-    chosen = os.environ.get("MOTION_GYM_DATA")
-    return Path(chosen).expanduser() if chosen else user_data_path("motion-gym", appauthor=False)
+    return _folder("MOTION_GYM_DATA", user_data_path)
 
 
 def cache_folder() -> Path:
     """Folder of what can be made again: ``MOTION_GYM_CACHE``, or the user's cache folder."""
-    chosen = os.environ.get("MOTION_GYM_CACHE")
-    return Path(chosen).expanduser() if chosen else user_cache_path("motion-gym", appauthor=False)
+    return _folder("MOTION_GYM_CACHE", user_cache_path)
+
+
+def _folder(variable: str, default: Callable[..., Path]) -> Path:
+    chosen = os.environ.get(variable)
+    try:
+        return (Path(chosen) if chosen else default("motion-gym", appauthor=False)).expanduser()
+    except RuntimeError:
+        raise StorageError(
+            f"This user has no home folder (HOME is not set): set {variable} to a folder that can be written to."
+        ) from None
+
+
+def digest(*parts: str | bytes | np.ndarray) -> str:
+    """sha256, in hexadecimal, of bytes, texts and the values of arrays, one after another."""
+    sha = hashlib.sha256()
+    for part in parts:
+        sha.update(part.encode() if isinstance(part, str) else part if isinstance(part, bytes) else part.tobytes())
+    return sha.hexdigest()
 
 
 @contextlib.contextmanager
 def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     """Open a file for writing that takes its name only once it is complete and on disk.
 
-    What was at ``path`` stays there until then. On any error the new file is removed and ``path`` unchanged.
+    What was at ``path`` stays there until then. On any error the new file is removed and ``path`` unchanged. What a
+    killed process has left half written in the same folder, more than an hour ago, is removed.
 
     Args:
         path: Where the file goes. Missing folders are made.
@@ -54,14 +78,13 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     """
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise StorageError(
-            f"{path} is no regular file and would be replaced: choose another place. Nothing was changed."
-        )
+        raise StorageError(f"{path} is no regular file and would be replaced: choose another place.")
     # In the same folder, because a rename is atomic only within one file system. Not mkstemp: it makes files
     # that no other user can read, which breaks shared data folders.
     temporary = path.parent / f".{path.name}.{secrets.token_hex(8)}.tmp"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(path.parent)
         with open(temporary, "xb") as file:
             yield file
             file.flush()
@@ -72,13 +95,20 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
             temporary.unlink(missing_ok=True)
         if isinstance(error, OSError) and not isinstance(error, MotionGymError):
             failure = StorageError(
-                f"{path} could not be written: {error.strerror or error}. Nothing was changed. Free space in "
+                f"{path} could not be written: {error.strerror or error}. It is as it was. Free space in "
                 f"{path.parent} or make it writable, or choose another folder (data: MOTION_GYM_DATA, cache: "
                 "MOTION_GYM_CACHE)."
             )
             failure.errno = error.errno
             raise failure from error
         raise
+
+
+def _remove_leftovers(folder: Path) -> None:
+    for old in folder.glob(".*.tmp"):
+        with contextlib.suppress(OSError):  # another process may remove it first
+            if LEFTOVER.fullmatch(old.name) and time.time() - old.stat().st_mtime > LEFTOVER_AGE:
+                old.unlink()
 
 
 def check_writable(folder: Path) -> None:
@@ -113,17 +143,19 @@ def cached_arrays(key: Mapping[str, Any], make: Callable[[], dict[str, np.ndarra
     Raises:
         SpecError: The key holds something other than JSON types, or an array holds Python objects.
     """
-    path = cache_folder() / _entry_name(key)
-    kept = _load(path)
+    entry = _entry_name(key)
+    kept = _load(entry)
     if kept is not None:
         return kept
     arrays = make()
     objects = [name for name, array in arrays.items() if np.asarray(array).dtype.hasobject]
     if objects:
         raise SpecError(f"arrays of Python objects cannot be cached: {', '.join(objects)}; use numbers or strings")
+    checksum: Any = {CHECKSUM: np.array(_checksum(entry, arrays))}
     try:
-        with atomic_file(path) as file:
-            np.savez(file, **arrays, **{NAMES: np.array(sorted(arrays))})  # type: ignore[arg-type]  # not compressed: loads at the speed of the disk
+        with atomic_file(cache_folder() / entry) as file:
+            # Not compressed, so that an entry loads at the speed of the disk.
+            np.savez(file, **arrays, **checksum)  # type: ignore[arg-type]
     except StorageError as error:
         warnings.warn(
             f"Not cached: {error} The result is used all the same, but will be made again next time.",
@@ -142,28 +174,33 @@ def _entry_name(key: Mapping[str, Any]) -> str:
             f"list, dict): {error}"
         ) from None
     prefix = re.sub(r"[^A-Za-z0-9]+", "-", str(key.get("name", "arrays"))).strip("-")[:60] or "arrays"
-    return f"{prefix}-{hashlib.sha256(canonical.encode()).hexdigest()[:32]}.npz"
+    return f"{prefix}-{digest(canonical)[:32]}.npz"
 
 
-NAMES = "__names__"
+CHECKSUM = "__sha256__"
 PASSING = (errno.ENOENT, errno.EACCES, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
 """What keeps an entry from being read without its being damaged."""
 
 
-def _load(path: Path) -> dict[str, np.ndarray] | None:
-    """Arrays of an entry, checked by the checksums of the zip format; a damaged entry is removed."""
+def _checksum(entry: str, arrays: Mapping[str, np.ndarray]) -> str:
+    """Digest of the name of an entry and of its arrays: names, types, shapes and values."""
+    plain = [(name, np.asarray(arrays[name])) for name in sorted(arrays)]
+    return digest(entry, *(part for name, a in plain for part in (repr((name, a.dtype.str, a.shape)), a)))
+
+
+def _load(entry: str) -> dict[str, np.ndarray] | None:
+    """Arrays of an entry, if its checksum is right; a damaged entry is removed."""
     try:
+        path = cache_folder() / entry
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        # The checksums of the zip format do not cover the names of its members.
-        if arrays.pop(NAMES).tolist() != sorted(arrays):
-            raise ValueError("the names of the arrays are damaged")
+        if str(arrays.pop(CHECKSUM)) != _checksum(entry, arrays):
+            raise ValueError("the checksum is another one")
         return arrays
-    except MemoryError:
+    except (MemoryError, StorageError):
         return None
     except Exception as error:  # a damaged archive raises any of about ten types
-        if isinstance(error, OSError) and error.errno in PASSING:
-            return None
-        with contextlib.suppress(OSError):
-            path.unlink()
+        if not isinstance(error, OSError) or error.errno not in PASSING:
+            with contextlib.suppress(OSError):
+                path.unlink()
         return None

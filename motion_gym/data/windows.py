@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +10,15 @@ import numpy as np
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, Truth
+from motion_gym.data import storage
 from motion_gym.data.recordings import check_recording
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(positions [A, 20, 2] float64, known [A, 20] bool) -> history [A, 8, F]; positions are zero where not known."""
+
+
+DECIMALS = 6
+"""Decimals of positions relative to an origin other than zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,7 @@ class Tracks:
         tick: [R] int64, index of the row's frame among the listed frames.
         track: [R] int64, which unbroken track the row belongs to, 0 .. T - 1.
         agent: [R] int64, id of the agent as in the recording, shifted so that none is negative.
-        xy: [R, 2] float64, metres.
+        xy: [R, 2] float64, positions relative to the origin of the recording.
         age: [R] int64, rows of the same track before this one.
         left: [R] int64, rows of the same track after this one.
         ticks: Number of listed frames.
@@ -64,7 +68,11 @@ class Tracks:
         length = np.diff(np.append(start, len(tick)))
         age = np.arange(len(tick)) - np.repeat(start, length)
         left = np.repeat(length, length) - 1 - age
-        return cls(tick, track, agent, recording.xy[order], age, left, len(frames), recording.dt)
+        xy = recording.xy[order]
+        if recording.origin.any():
+            # Rounded, so that what float64 cannot resolve far from zero does not become a difference of the last bit.
+            xy = np.round(xy - recording.origin, DECIMALS)
+        return cls(tick, track, agent, xy, age, left, len(frames), recording.dt)
 
     def complete(self) -> np.ndarray:
         """Rows that are the last observed step of 20 consecutive steps of an agent."""
@@ -274,9 +282,7 @@ def empty_truth(features: int, dt: float) -> Truth:
 
 
 def digest(truth: Truth) -> dict[str, Any]:
-    """Counts of a truth, and sha256 of what it holds."""
+    """Counts of a truth, and sha256 of its histories, scenes and futures."""
     seen = truth.observation
-    sha = hashlib.sha256()
-    for array in (seen.history, seen.scene, truth.future, truth.known):
-        sha.update(np.ascontiguousarray(array).tobytes())
-    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha.hexdigest()}
+    sha256 = storage.digest(seen.history, seen.scene, truth.future, truth.known)
+    return {"scenes": seen.scenes, "agent_windows": len(seen), "sha256": sha256}

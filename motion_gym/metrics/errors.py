@@ -1,8 +1,8 @@
 """Errors of forecasts, one value per agent, so that means and intervals can be taken over any grouping.
 
 A metric is a pure function of a Forecast and the Truth that it is held against, and a row of ``METRICS``.
-Everything is computed in float64. NaN means that there is nothing to measure: no known step, or too few
-samples for a density.
+Everything is computed in float64. Lengths are in the unit of the domain. NaN means that there is nothing to measure: no
+known step, or a forecast that is no density.
 
 Where a metric has a k it looks at the *first* k samples. A forecast with one sample stands for all of them,
 so that deterministic predictors can be scored for any k; otherwise fewer than k samples are an error.
@@ -37,7 +37,7 @@ def ade(forecast: Forecast, truth: Truth) -> np.ndarray:
         truth: What happened to the same agents, in the same order.
 
     Returns:
-        [A] float64, metres; NaN for an agent without a known step.
+        [A] float64, a length; NaN for an agent without a known step.
 
     Raises:
         PredictorError: The forecast has the wrong shape or holds positions or weights that cannot be.
@@ -47,22 +47,22 @@ def ade(forecast: Forecast, truth: Truth) -> np.ndarray:
 
 
 def fde(forecast: Forecast, truth: Truth) -> np.ndarray:
-    """Final displacement error of the most likely sample: [A] metres, NaN where that step is not known."""
+    """Final displacement error of the most likely sample: [A] lengths, NaN where that step is not known."""
     return error_by_horizon(forecast, truth)[:, -1]
 
 
 def error_by_horizon(forecast: Forecast, truth: Truth) -> np.ndarray:
-    """Displacement error of the most likely sample at each step: [A, 12] metres, NaN where not known."""
+    """Displacement error of the most likely sample at each step: [A, 12] lengths, NaN where not known."""
     return np.where(_known(truth), _most_likely_error(forecast, truth), np.nan)
 
 
 def min_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
-    """ADE of the best of the first k samples, chosen for each agent: [A] metres, NaN as for `ade`."""
+    """ADE of the best of the first k samples, chosen for each agent: [A] lengths, NaN as for `ade`."""
     return _sample_ade(forecast, truth, k).min(axis=1)
 
 
 def min_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
-    """FDE of the best of the first k samples, chosen for each agent and for FDE alone: [A] metres."""
+    """FDE of the best of the first k samples, chosen for each agent and for FDE alone: [A] lengths."""
     return _sample_fde(forecast, truth, k).min(axis=1)
 
 
@@ -74,13 +74,13 @@ def joint_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     program reports.
 
     Returns:
-        [A] float64, metres: the ADE of each agent under the sample of its scene; NaN as for `ade`.
+        [A] float64, lengths: the ADE of each agent under the sample of its scene; NaN as for `ade`.
     """
     return _under_best_of_scene(_sample_ade(forecast, truth, k), truth)
 
 
 def joint_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
-    """FDE under the best sample of the scene, chosen as in `joint_ade` but for FDE alone: [A] metres."""
+    """FDE under the best sample of the scene, chosen as in `joint_ade` but for FDE alone: [A] lengths."""
     return _under_best_of_scene(_sample_fde(forecast, truth, k), truth)
 
 
@@ -130,34 +130,38 @@ def kde_nll(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     density of a step is clipped from below at -20 (Trajectron++, Salzmann et al., ECCV 2020), then averaged
     over known steps.
 
+    Every agent counts, also one whose samples are equal or whose weight lies on a single sample: its kernels are
+    ``KERNEL_WIDTH`` wide.
+
     Returns:
-        [A] float64, nats for a density per m^2. NaN without a known step, with fewer than 3 samples of
-        positive weight, and where all samples are equal (to a micrometre at every step): one forecast is no
-        density.
+        [A] float64, nats for a density per m^2. NaN without a known step. NaN for all agents where the forecast is no
+        density: with fewer than 3 samples, or if the samples of every agent are equal (to a micrometre at every step).
+
+    Raises:
+        PredictorError: The weights of an agent are all 0.
     """
     samples = _samples(forecast, truth, k)
     if samples.shape[1] < 3:
         return np.full(len(samples), np.nan)
     weights = _normalised_weights(forecast, samples.shape[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore"):
         log_weights = np.log(weights)
-        concentration = (weights**2).sum(axis=1)
-        unbiased = 1.0 / (1.0 - concentration)
+    concentration = (weights**2).sum(axis=1)
+    # The covariance of samples in one point is 0 times infinity; the kernel width then replaces it.
+    unbiased = 1.0 / np.maximum(1.0 - concentration, 1e-12)
     known = _known(truth)
     loss = np.empty(known.shape)
     spread = np.zeros(len(known))
     for step in range(FUTURE):
         x, y = (samples[:, :, step, axis].astype(np.float64) for axis in (0, 1))
+        spread = np.maximum(spread, np.maximum(np.ptp(x, axis=1), np.ptp(y, axis=1)))
         dx, dy = (values - (weights * values).sum(axis=1, keepdims=True) for values in (x, y))
-        with np.errstate(invalid="ignore"):
-            xx, xy, yy = (unbiased * (weights * a * b).sum(axis=1) for a, b in ((dx, dx), (dx, dy), (dy, dy)))
-        spread = np.maximum(spread, xx + yy)
+        xx, xy, yy = (unbiased * (weights * a * b).sum(axis=1) for a, b in ((dx, dx), (dx, dy), (dy, dy)))
         scott = np.cbrt(concentration)
         ex, ey = (truth.future[:, None, step, axis] - values for axis, values in ((0, x), (1, y)))
         density = _log_density(ex, ey, log_weights, scott * xx, scott * xy, scott * yy)
         loss[:, step] = -np.maximum(density, LOG_DENSITY_BOUND)
-    enough = ((weights > 0).sum(axis=1) >= 3) & (spread > 1e-12)
-    return np.where(enough, mean_over_known(loss, known), np.nan)
+    return mean_over_known(loss, known) if (spread > 1e-6).any() else np.full(len(known), np.nan)
 
 
 @dataclass(frozen=True)
@@ -167,18 +171,20 @@ class Metric:
     Attributes:
         name: How the field writes it; ``{k}`` stands for the number of samples.
         function: ``function(forecast, truth)``, or ``function(forecast, truth, k)`` if it needs samples.
-        unit: Unit of its values.
-        lower_is_better: Whether the smaller of two values is the better one.
+        unit: Unit of its values; ``m`` stands for the unit of the domain.
         needs_samples: Whether it looks at k samples; such metrics are reported for k > 1 only.
         description: What it measures, in a sentence.
+        needs_metres: Whether it holds a length in metres; such metrics are reported for domains in metres only.
+        lower_is_better: Whether the smaller of two values is the better one.
     """
 
     name: str
     function: Callable[..., np.ndarray]
     unit: str
-    lower_is_better: bool
     needs_samples: bool
     description: str
+    needs_metres: bool = False
+    lower_is_better: bool = True
 
     def __call__(self, forecast: Forecast, truth: Truth, k: int = 1) -> np.ndarray:
         """One value per agent: [A] float64."""
@@ -186,43 +192,43 @@ class Metric:
 
 
 METRICS = (
-    Metric("ADE", ade, "m", True, False, "Mean displacement error, most likely sample."),
-    Metric("FDE", fde, "m", True, False, "Displacement error at the last step, most likely sample."),
-    Metric(
-        "MR_2m",
-        miss_rate_2m,
-        "1",
-        True,
-        False,
-        "Share missed by more than 2 m at the end, most likely sample.",
-    ),
-    Metric(
-        "collision_0.2m",
-        collision_rate,
-        "1",
-        True,
-        False,
-        "Share whose forecast hits another agent's forecast.",
-    ),
-    Metric("minADE_{k}", min_ade, "m", True, True, "ADE of the best of {k} samples of each agent."),
-    Metric("minFDE_{k}", min_fde, "m", True, True, "FDE of the best of {k} samples of each agent."),
-    Metric("JADE_{k}", joint_ade, "m", True, True, "ADE under the best of {k} samples of the whole scene."),
-    Metric("JFDE_{k}", joint_fde, "m", True, True, "FDE under the best of {k} samples of the whole scene."),
-    Metric("MR_2m_{k}", miss_rate_2m, "1", True, True, "Share missed by more than 2 m by all of {k} samples."),
-    Metric("KDE_NLL", kde_nll, "nat", True, True, "Negative log density of a kernel estimate over {k} samples."),
+    Metric("ADE", ade, "m", False, "Mean displacement error, most likely sample."),
+    Metric("FDE", fde, "m", False, "Displacement error at the last step, most likely sample."),
+    Metric("MR_2m", miss_rate_2m, "1", False, "Share missed by more than 2 m at the end, most likely sample.", True),
+    Metric("collision_0.2m", collision_rate, "1", False, "Share whose forecast hits another agent's forecast.", True),
+    Metric("minADE_{k}", min_ade, "m", True, "ADE of the best of {k} samples of each agent."),
+    Metric("minFDE_{k}", min_fde, "m", True, "FDE of the best of {k} samples of each agent."),
+    Metric("JADE_{k}", joint_ade, "m", True, "ADE under the best of {k} samples of the whole scene."),
+    Metric("JFDE_{k}", joint_fde, "m", True, "FDE under the best of {k} samples of the whole scene."),
+    Metric("MR_2m_{k}", miss_rate_2m, "1", True, "Share missed by more than 2 m by all of {k} samples.", True),
+    Metric("KDE_NLL_{k}", kde_nll, "nat", True, "Negative log density of a kernel estimate over {k} samples.", True),
 )
 """Every metric; a new one is a function and a row here."""
 
 
-def metric_rows(k: int) -> list[Metric]:
-    """The metrics to report for k samples, their names and descriptions filled in."""
+def metric_rows(k: int, unit: str = "m") -> list[Metric]:
+    """The metrics to report for k samples on a domain of a unit: names, descriptions and units filled in."""
     _check_k(k)
-    rows = [metric for metric in METRICS if k > 1 or not metric.needs_samples]
-    return [replace(m, name=m.name.format(k=k), description=m.description.format(k=k)) for m in rows]
+    rows = [m for m in METRICS if (k > 1 or not m.needs_samples) and (unit == "m" or not m.needs_metres)]
+    return [
+        replace(
+            row,
+            name=row.name.format(k=k),
+            description=row.description.format(k=k),
+            unit=unit if row.unit == "m" else row.unit,
+        )
+        for row in rows
+    ]
 
 
-def score(forecast: Forecast, truth: Truth, k: int = 1) -> dict[str, np.ndarray]:
+def score(forecast: Forecast, truth: Truth, k: int = 1, unit: str = "m") -> dict[str, np.ndarray]:
     """Every metric to report for k samples, by name: each [A] float64, NaN where it cannot be computed.
+
+    Args:
+        forecast: A agents, at least k samples, or a single one that stands for all.
+        truth: What happened to the same agents, in the same order.
+        k: Number of samples that are scored.
+        unit: Unit of the positions, as the domain's card says it.
 
     Raises:
         PredictorError: The forecast has the wrong shape, fewer than k samples, or impossible values.
@@ -230,7 +236,7 @@ def score(forecast: Forecast, truth: Truth, k: int = 1) -> dict[str, np.ndarray]
     """
     plain = Forecast(_checked(forecast, truth), forecast.weights)
     checked = _Checked(plain.positions, plain.weights, error=_error(plain, truth))
-    return {metric.name: metric(checked, truth, k) for metric in metric_rows(k)}
+    return {metric.name: metric(checked, truth, k) for metric in metric_rows(k, unit)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +244,7 @@ class _Checked(Forecast):
     """A forecast that ``score`` has held against its truth, so that not every metric does it again."""
 
     error: np.ndarray = field(kw_only=True)
-    """[A, 12] of the most likely sample, metres."""
+    """[A, 12] of the most likely sample."""
 
 
 def distance(difference: np.ndarray) -> np.ndarray:
@@ -310,12 +316,18 @@ def _under_best_of_scene(error: np.ndarray, truth: Truth) -> np.ndarray:
 
 
 def _normalised_weights(forecast: Forecast, samples: int) -> np.ndarray:
-    """Weights of the first samples, summing to 1: [A, samples] float64; NaN where all of them are 0."""
+    """Weights of the first samples, summing to 1: [A, samples] float64."""
     if forecast.weights is None:
         return np.full((len(forecast.positions), samples), 1.0 / samples)
     weights = np.asarray(forecast.weights, dtype=np.float64)[:, :samples]
-    with np.errstate(invalid="ignore"):
-        return weights / weights.sum(axis=1, keepdims=True)
+    total = weights.sum(axis=1, keepdims=True)
+    if not (total > 0).all():
+        row = int(np.argmin(total[:, 0] > 0))
+        raise PredictorError(
+            f"The weights of row {row} are 0 for the first {samples} samples: a forecast needs a sample of positive "
+            "weight for every agent; leave the weights out if all samples are equally likely."
+        )
+    return weights / total
 
 
 def _log_density(

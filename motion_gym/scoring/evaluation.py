@@ -97,7 +97,7 @@ class Scorecard:
     def as_dict(self) -> dict[str, Any]:
         """All of it in JSON types, except the values per agent; NaN becomes None."""
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("values", "truth")}
-        units = {row.name: row for row in metric_rows(self.k)}
+        units = {row.name: row for row in metric_rows(self.k, self.domain.unit)}
         plain["domain"] = dataclasses.asdict(self.domain)
         plain["aggregation"] = (
             "mean over agent-windows; ADE, FDE and MR_2m of the most likely sample; min*: best sample of each agent; "
@@ -121,8 +121,8 @@ class Scorecard:
         ade, fde = self.metrics["ADE"], self.metrics["FDE"]
         return (
             f"{self.predictor} on {self.spec}: "
-            f"ADE {ade.mean:.3f} [{ade.low:.3f}, {ade.high:.3f}] m, "
-            f"FDE {fde.mean:.3f} [{fde.low:.3f}, {fde.high:.3f}] m, k = {self.k}, "
+            f"ADE {ade.mean:.3f} [{ade.low:.3f}, {ade.high:.3f}] {self.domain.unit}, "
+            f"FDE {fde.mean:.3f} [{fde.low:.3f}, {fde.high:.3f}] {self.domain.unit}, k = {self.k}, "
             f"protocol {self.protocol}, {ade.agent_windows} agent-windows of {ade.agents} agents in {ade.scenes} scenes"
         )
 
@@ -205,8 +205,8 @@ def evaluate(
     seconds = time.perf_counter() - began
     if through == "arrays" and not leaking and not hasattr(made, "know"):
         _check_scenes_apart(made, truth.observation, forecast, k, seed)
-    values = score(forecast, truth, k)
-    baseline = score(ask(ready(BASELINE, place), truth.observation), truth)
+    values = score(forecast, truth, k, place.card.unit)
+    baseline = score(ask(ready(BASELINE, place), truth.observation), truth, unit=place.card.unit)
     card = dataclasses.replace(place.card, counts={split: counts(truth)})
     agents = truth.observation.agent
     return Scorecard(

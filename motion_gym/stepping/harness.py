@@ -22,6 +22,7 @@ from motion_gym.contract import (
     raised_at,
 )
 from motion_gym.data.domains import spec_of, training_set
+from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import check_truth
 
 
@@ -105,15 +106,7 @@ def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: 
     if not len(observation):
         return Forecast(np.zeros((0, samples, FUTURE, 2), np.float32))
     answer = guarded(predictor, "predict", frozen(observation), samples=samples, seed=seed)
-    try:
-        return checked(answer, observation, samples, name_of(predictor))
-    except MotionGymError:
-        raise
-    except Exception as error:  # arrays and forecasts of somebody else's making may raise anything
-        raise PredictorError(
-            f"{name_of(predictor)}.predict returned something that cannot be read ({type(error).__name__}): return a "
-            "Forecast of plain numpy arrays."
-        ) from error
+    return check_forecast(answer, observation, samples, f"{name_of(predictor)}.predict")
 
 
 def tell(predictor: Predictor, truth: Truth) -> None:
@@ -129,56 +122,6 @@ def tune(predictor: Predictor, scenes: Truth, validation: Truth | None) -> None:
 
 def _locked_truth(truth: Truth) -> Truth:
     return Truth(_locked(truth.future), _locked(truth.known), frozen(truth.observation))
-
-
-def checked(answer: Any, observation: Observation, samples: int, name: str) -> Forecast:
-    """A forecast in its proper form, from what a predictor returned; PredictorError if it is none."""
-    forecast = answer if isinstance(answer, Forecast) else Forecast(answer)
-    positions = forecast.positions
-    if not isinstance(positions, np.ndarray) or isinstance(positions, np.ma.MaskedArray):
-        raise PredictorError(
-            f"{name}.predict returned {type(positions).__name__}; return a Forecast or a numpy array "
-            f"[A, K, {FUTURE}, 2] float32."
-        )
-    agents = len(observation)
-    if positions.ndim != 4 or positions.shape[0] != agents or positions.shape[2:] != (FUTURE, 2):
-        hint = " For one sample use positions[:, None]." if positions.shape == (agents, FUTURE, 2) else ""
-        raise PredictorError(
-            f"{name}.predict returned shape {positions.shape} for {agents} agents, expected ({agents}, {samples}, "
-            f"{FUTURE}, 2): agents, samples, future steps, x and y.{hint}"
-        )
-    if positions.shape[1] not in (1, samples):
-        allowed = f"{samples}, or 1 if the predictor is deterministic" if samples > 1 else "1"
-        raise PredictorError(
-            f"{name}.predict returned {positions.shape[1]} samples and {samples} were asked for: return {allowed}."
-        )
-    if positions.dtype.kind != "f":
-        raise PredictorError(f"{name}.predict returned dtype {positions.dtype}: positions are float32 metres.")
-    # A copy, since a predictor that keeps its array could change a stored forecast later; cast first, since what is
-    # finite in float64 may not be in float32.
-    with np.errstate(over="ignore"):
-        positions = np.array(positions, np.float32)
-    if not np.isfinite(positions).all():
-        finite = np.isfinite(positions).all(axis=(1, 2, 3))
-        bad = int(np.flatnonzero(~finite)[0])
-        raise PredictorError(
-            f"{name}.predict returned NaN or infinite positions for {int((~finite).sum())} of {agents} agents, the "
-            f"first in row {bad} (agent {observation.agent[bad]}): every position must be finite."
-        )
-    weights = forecast.weights
-    if weights is not None:
-        try:
-            weights = np.array(weights, np.float32)
-        except (TypeError, ValueError):
-            raise PredictorError(
-                f"{name}.predict returned weights that are no numbers: return float32 {positions.shape[:2]} or None."
-            ) from None
-        if weights.shape != positions.shape[:2] or not np.isfinite(weights).all() or (weights < 0).any():
-            raise PredictorError(
-                f"{name}.predict returned weights of shape {weights.shape}: expected {positions.shape[:2]}, finite and "
-                "not negative, or None."
-            )
-    return Forecast(positions, weights)
 
 
 def frozen(observation: Observation) -> Observation:

@@ -57,7 +57,7 @@ def test_file_has_everything_that_lasts(tmp_path):
         assert metric["low"] <= metric["mean"] <= metric["high"]
         assert metric["agent_windows"] == metric["agents"] == 2 * metric["scenes"]
         assert metric["unit"] in ("m", "1") and metric["lower_is_better"] is True
-    assert kept["metrics"]["KDE_NLL"]["mean"] is None  # one forecast is no density
+    assert kept["metrics"]["KDE_NLL_2"]["mean"] is None  # one forecast is no density
     assert kept["versus_baseline"]["baseline"] == "constant_velocity"
     assert set(kept["versus_baseline"]["ADE"]) == {"mean", "low", "high", "p_value", "n"}
 

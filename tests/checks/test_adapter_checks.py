@@ -11,7 +11,8 @@ import pytest
 
 import motion_gym as mg
 from motion_gym import catalog
-from motion_gym.checks.adapter_checks import ADAPTER_RULES, adapter_problems, check_adapter
+from motion_gym.checks.adapter_rules import ADAPTER_RULES
+from motion_gym.checks.checker import check_adapter, run_checks
 from motion_gym.cli.main import main
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.stepping.snapshot import snapshot
@@ -243,7 +244,7 @@ ALSO = {
 @pytest.mark.parametrize(("rule", "kind"), [(rule, kind) for rule, kinds in BAD.items() for kind in kinds])
 def test_a_broken_rule_is_named_and_no_other(rule, kind):
     RemembersInItsClass.memory.clear()
-    found = [problem.rule for problem in adapter_problems(kind, Shifted())]
+    found = [problem.rule for problem in run_checks(kind, "adapter", of=Shifted()).problems]
     assert rule in found and set(found) <= {rule} | ALSO.get(kind, set())
 
 
@@ -282,7 +283,7 @@ class Drifts(Bias):
 
 
 def test_what_breaks_the_contract_of_a_predictor_is_found_too():
-    assert [problem.rule for problem in adapter_problems(Drifts(mg.predictor(PLAIN)))] == ["pure"]
+    assert [problem.rule for problem in run_checks(Drifts(mg.predictor(PLAIN)), "adapter").problems] == ["pure"]
 
 
 @pytest.mark.parametrize(
@@ -292,7 +293,7 @@ def test_what_breaks_the_contract_of_a_predictor_is_found_too():
         ("kalman", "linaer", None, SpecError, "no predictor `linaer`. Did you mean `linear`"),
         ("none", PLAIN, "orka", SpecError, "no domain `orka`. Did you mean `orca`"),
         ("style", "linear", None, PredictorError, "reads no style"),
-        (Shifted, PLAIN, None, PredictorError, "adapter: Shifted has no method observe, reset: define it"),
+        (Shifted, PLAIN, None, PredictorError, "adapter: it has no observe, reset: define"),
         (
             "none",
             "modular",
@@ -315,10 +316,10 @@ def test_the_command_line_checks_adapters(capsys, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     main(["check", "own_adapter:Stretch", "--of", PLAIN, "--domain", "orca:scenes=6"])
     out = capsys.readouterr().out
-    assert "own_adapter:Stretch around constant_velocity keeps the contract of an adapter." in out
+    assert "own_adapter:Stretch around constant_velocity keeps the contract of an adapter" in out
     assert out.count("no leak") == 2
     main(["check", "kalman", "--of", "linear", "--domain", "orca:scenes=6"])
-    assert "kalman around linear keeps the contract of an adapter." in capsys.readouterr().out
+    assert "kalman around linear keeps the contract of an adapter" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["check", "style", "--of", "linear"])
     assert "reads no style" in capsys.readouterr().err

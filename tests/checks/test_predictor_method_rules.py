@@ -284,7 +284,7 @@ def test_good_predictors_are_accepted(kind, instance):
 
 @pytest.mark.parametrize(("rule", "kind"), [(rule, kind) for rule, kinds in BAD.items() for kind in kinds])
 def test_a_broken_rule_is_named_and_no_other(rule, kind):
-    assert [problem.rule for problem in checks.predictor_problems(kind)] == [rule]
+    assert [problem.rule for problem in checks.run_checks(kind, "predictor").problems] == [rule]
 
 
 def test_every_rule_beyond_predict_has_a_planted_fault():
@@ -296,7 +296,7 @@ def test_every_rule_beyond_predict_has_a_planted_fault():
 def test_the_given_instance_is_not_changed(kind):
     made = kind()
     before = snapshot(made)
-    checks.predictor_problems(made)
+    checks.run_checks(made, "predictor")
     assert snapshot(made) == before
 
 
@@ -311,6 +311,6 @@ def test_an_oracle_is_held_to_the_rules_on_its_domain():
         def predict(self, observation, samples=1, seed=0):
             return super().predict(observation) + np.random.default_rng().random()
 
-    rules = [problem.rule for problem in checks.predictor_problems(Drifts, "orca:scenes=40")]
+    rules = [problem.rule for problem in checks.run_checks(Drifts, "predictor", domain="orca:scenes=40").problems]
     assert "pure" in rules
-    assert "pure" not in [problem.rule for problem in checks.predictor_problems(Drifts)]
+    assert "pure" not in [problem.rule for problem in checks.run_checks(Drifts, "predictor").problems]

@@ -259,7 +259,7 @@ def test_good_predictors_are_accepted(kind, instance):
 
 @pytest.mark.parametrize(("rule", "kind"), [(rule, kind) for rule, kinds in BAD.items() for kind in kinds])
 def test_a_broken_rule_is_named_and_no_other(rule, kind):
-    assert [problem.rule for problem in checks.predictor_problems(kind)] == [rule]
+    assert [problem.rule for problem in checks.run_checks(kind, "predictor").problems] == [rule]
 
 
 def test_every_rule_of_predict_has_a_planted_fault():
@@ -270,5 +270,5 @@ def test_every_rule_of_predict_has_a_planted_fault():
 def test_global_generators_are_left_as_they_were():
     before = random.getstate(), repr(np.random.get_state())  # noqa: NPY002
     for kind in (GlobalNumpy, GlobalRandom, SeedsNumpy):
-        checks.predictor_problems(kind)
+        checks.run_checks(kind, "predictor")
     assert (random.getstate(), repr(np.random.get_state())) == before  # noqa: NPY002

@@ -3,7 +3,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import http.server
-import logging
 import os
 import shutil
 import threading
@@ -15,6 +14,7 @@ import pytest
 from motion_gym.contract import DataError, SpecError
 from motion_gym.data import datasets
 from motion_gym.data.datasets import DATASETS, DataFile, DataSet, add, fetch, listing, locate, verify
+from motion_gym.data.storage import StorageError
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", ROOT.parent / "shared"))
@@ -137,13 +137,10 @@ def test_add_from_a_wrong_folder_says_so(toy: DataSet, tmp_path: Path) -> None:
 
 
 def test_fetch_downloads_what_is_missing_or_damaged(toy: DataSet, server: str, data: Path) -> None:
-    logger = logging.getLogger("pooch")
-    level = logger.level
     (data / "toy").mkdir(parents=True)
     (data / "toy" / "one.txt").write_bytes(b"damaged")
     assert [row.state for row in fetch("toy", base=server)] == ["ok", "ok"]
     assert sorted(os.listdir(data / "toy")) == ["one.txt", "two.txt"]
-    assert logger.level == level
 
 
 def test_fetch_leaves_whole_files_alone(toy: DataSet, source: Path) -> None:
@@ -179,6 +176,52 @@ def test_fetch_of_other_bytes_is_refused(toy: DataSet, server: str, source: Path
     with pytest.raises(DataError, match=r"one\.txt is not the expected one\.txt: .*truncated"):
         fetch("toy", base=server)
     assert states() == ["missing", "missing"]
+
+
+def test_fetch_tries_again_when_a_connection_breaks(toy: DataSet, source: Path, data: Path) -> None:
+    asked: list[str] = []
+
+    class Breaks(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, format: str, *args: object) -> None:
+            pass
+
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            if asked.count(self.path) == 1:
+                self.connection.close()
+            else:
+                super().do_GET()
+
+    for path in list(source.rglob("*.txt")):
+        shutil.copy(path, source)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Breaks, directory=str(source))) as running:
+        thread = threading.Thread(target=running.serve_forever)
+        thread.start()
+        try:
+            assert [row.state for row in fetch("toy", base=f"http://127.0.0.1:{running.server_address[1]}")] == [
+                "ok",
+                "ok",
+            ]
+        finally:
+            running.shutdown()
+            thread.join()
+    assert sorted(asked) == ["/one.txt"] * 2 + ["/two.txt"] * 2
+
+
+@pytest.mark.parametrize("command", ["add", "fetch"])
+def test_a_full_disk_says_which_files_were_written(
+    toy: DataSet, source: Path, server: str, data: Path, command: str
+) -> None:
+    (data / "toy" / "two.txt").mkdir(parents=True)  # in the way of the second file
+    with pytest.raises(StorageError, match=r"two\.txt .* Of toy, one\.txt were written and are whole; then run"):
+        add("toy", source) if command == "add" else fetch("toy", base=server)
+    assert (data / "toy" / "one.txt").read_bytes() == CONTENTS["one.txt"]
+
+
+def test_downloaded_files_have_ordinary_permissions(toy: DataSet, server: str, data: Path) -> None:
+    fetch("toy", base=server)
+    (data / "plain").write_bytes(b"")
+    assert (data / "toy" / "one.txt").stat().st_mode == (data / "plain").stat().st_mode
 
 
 def test_locate_missing_says_what_to_do(toy: DataSet, data: Path) -> None:
@@ -237,9 +280,9 @@ def test_listing_has_every_data_set(toy: DataSet, source: Path) -> None:
 
 
 def test_unknown_names_suggest_what_was_meant() -> None:
-    with pytest.raises(SpecError, match="Did you mean 'eth_ucy'"):
+    with pytest.raises(SpecError, match=r"There is no data set `eth-ucy`\. Did you mean `eth_ucy`"):
         verify("eth-ucy")
-    with pytest.raises(SpecError, match=r"Did you mean 'biwi_hotel\.txt'"):
+    with pytest.raises(SpecError, match=r"Did you mean `biwi_hotel\.txt`"):
         locate("eth_ucy", "biwi_hotl.txt")
 
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,3 +82,18 @@ def test_worlds_of_the_shipped_domains():
 def test_windows_that_cannot_be_cut_are_refused(parameters):
     with pytest.raises(SpecError, match=f"`{next(iter(parameters))}="):
         Files("a", **parameters).windows("test")
+
+
+class Pixels(Files):
+    name, unit = "pixels", "px"
+
+    def recordings(self, split):
+        turning = [replace(r, xy=100 * r.xy + (r.frame % 7)[:, None]) for r in super().recordings(split)]
+        return turning
+
+
+def test_a_domain_in_pixels_is_scored_in_pixels():
+    card = motion_gym.evaluate("constant_velocity", Pixels("a"))
+    assert f"ADE {card.metrics['ADE'].mean:.3f} [" in str(card) and "] px, FDE" in str(card) and "] m" not in str(card)
+    assert set(card.metrics) == {"ADE", "FDE"}, "a miss and a collision are distances in metres"
+    assert {m["unit"] for m in card.as_dict()["metrics"].values()} == {"px"}

@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ def columns_of(recording: Recording) -> list[tuple[float, ...]]:
     ]
 
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-60_000, 60_000)  # nearer to each other than a recording may be wide
 tables = st.dictionaries(
     st.tuples(st.integers(0, 50), st.integers(-5, 2**53 - 1)),
     st.tuples(finite, finite),
@@ -219,10 +220,18 @@ def built(**changes: object) -> Recording:
     ("changes", "message"),
     [
         ({"xy": np.array([[0, 0], [0, 0], [0, np.nan], [0, 0]])}, "mine, row 2: y is nan"),
-        ({"xy": np.zeros((4, 3))}, r"xy has shape \(4, 3\)"),
-        ({"agent": np.array([1, 2, 1])}, r"agent has shape \(3,\)"),
-        ({"agent": np.array([1.0, 2, 1, 2])}, r"agent is float64; convert it: agent\.astype\(numpy\.int64\)"),
-        ({"frame": [0, 0, 10, 10]}, "frame is a list"),
+        ({"xy": np.zeros((4, 3))}, r"shapes \(4,\), \(4,\) and \(4, 3\)"),
+        ({"agent": np.array([1, 2, 1])}, r"shapes \(4,\), \(3,\) and \(4, 2\)"),
+        ({"agent": np.array([1.0, 2.5, 1, 2])}, r"mine, row 1: agent is 2\.5, not a whole number below 2\*\*53"),
+        ({"agent": np.array([1.0, 2, np.nan, 2])}, r"mine, row 2: agent is nan"),
+        ({"frame": np.array([0, 0, 1, 2**63], np.uint64)}, r"row 3: frame is 9223372036854775808, .* below 2\*\*63"),
+        ({"frame": ["a", "b", "c", "d"]}, "frame holds <U1; convert it to numbers"),
+        (
+            {"xy": np.array([[0, 0], [0, 0], [0, 2e5], [0, 0]])},
+            r"row 2: the position \[0.0, 200000.0\] is more than 131,",
+        ),
+        ({"xy": np.full((4, 2), 4e6), "origin": np.zeros(2)}, "row 0: .* leave `origin` out"),
+        ({"origin": np.zeros(3)}, "give two finite numbers"),
         (
             {"frame": np.array([10, 10, 0, 0])},
             r"row 2: frame 0 comes after frame 10 \(row 1\)\. Sort all columns",
@@ -239,12 +248,32 @@ def test_recordings_built_in_memory_are_checked(changes: dict[str, object], mess
         check_recording(built(**changes))
 
 
+@pytest.mark.parametrize("kind", ["int8", "uint8", "int32", "uint64", "float32", "float64", "list"])
+def test_columns_of_any_number_type_are_converted(kind: str) -> None:
+    def column(values: list[int]) -> object:
+        return values if kind == "list" else np.array(values, kind)
+
+    recording = built(frame=column([0, 0, 10, 10]), agent=column([1, 2, 1, 2]), xy=column([[0, 1]] * 4))
+    check_recording(recording)
+    assert recording.frame.dtype == recording.agent.dtype == np.int64
+    assert recording.xy.dtype == np.float64
+    assert columns_of(recording) == [(0, 1, 0, 1), (0, 2, 0, 1), (10, 1, 0, 1), (10, 2, 0, 1)]
+
+
+@given(st.floats(-1e7, 1e7), st.floats(-1e7, 1e7))
+def test_the_origin_is_the_first_row_rounded_and_a_cut_keeps_it(x: float, y: float) -> None:
+    whole = built(xy=np.array([x, y]) + np.arange(8.0).reshape(4, 2) * 900)
+    assert (whole.origin % 1000 == 0).all() and np.abs(whole.xy[0] - whole.origin).max() <= 500
+    cut = replace(whole, frame=whole.frame[2:], agent=whole.agent[2:], xy=whole.xy[2:])
+    assert cut.origin.tolist() == whole.origin.tolist()
+
+
 @real
 @pytest.mark.parametrize(("name", "rows"), ROWS.items())
 def test_real_files_are_read_whole(name: str, rows: int) -> None:
     recording = read_recording(REAL / f"{name}.txt")
     table = np.array((REAL / f"{name}.txt").read_text().split(), dtype=float).reshape(-1, 4)
-    assert len(recording.frame) == rows
+    assert len(recording.frame) == rows and recording.origin.tolist() == [0, 0]
     assert columns_of(recording) == sorted(map(tuple, table))
     check_recording(recording)
 

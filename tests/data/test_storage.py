@@ -194,6 +194,72 @@ def test_damaged_entry_is_made_again(cache: Path, data: st.DataObject) -> None:
         assert same(cached_arrays(KEY, refuse), make())
 
 
+def test_an_entry_with_other_content_is_made_again(cache: Path) -> None:
+    cached_arrays(KEY, make)
+    (entry,) = cache.iterdir()
+    changed = dict(np.load(entry))
+    changed["scene"] = changed["scene"] + 1
+    np.savez(entry, **changed)  # a valid file
+    assert same(cached_arrays(KEY, make), make())
+    other = {**KEY, "alpha": 4.0}
+    cached_arrays(other, lambda: {"a": np.zeros(3)})
+    (another,) = set(cache.iterdir()) - {entry}
+    another.replace(entry)  # the valid entry of another key
+    assert same(cached_arrays(KEY, make), make())
+    assert same(cached_arrays(KEY, refuse), make())
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next_write(tmp_path: Path) -> None:
+    code = """
+    import os, signal, sys
+    from motion_gym.data.storage import atomic_file
+    with atomic_file(sys.argv[1]) as file:
+        file.write(b"half")
+        file.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+    """
+    process = python(code, tmp_path / "a.json")
+    process.communicate(timeout=60)
+    assert process.returncode == -9
+    (leftover,) = tmp_path.iterdir()
+    foreign = tmp_path / ".a.json.tmp"
+    foreign.write_bytes(b"somebody else's")
+    write_atomic(tmp_path / "b.json", b"")
+    assert leftover.exists(), "it may still be being written"
+    for path in (leftover, foreign):
+        os.utime(path, (0, 0))
+    write_atomic(tmp_path / "b.json", b"")
+    assert sorted(os.listdir(tmp_path)) == [".a.json.tmp", "b.json"]
+
+
+def test_a_user_without_a_home_folder_is_told_which_variable_to_set(tmp_path: Path) -> None:
+    code = """
+    import os, pwd, warnings
+    import numpy as np
+    def no_entry(user):
+        raise KeyError(user)
+    os.environ.pop("HOME", None)
+    pwd.getpwuid = no_entry
+    from motion_gym.data.storage import StorageError, cached_arrays, data_folder
+    try:
+        data_folder()
+    except StorageError as error:
+        print(error)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert cached_arrays({"name": "small"}, lambda: {"a": np.zeros(2)})["a"].tolist() == [0, 0]
+    print(caught[0].message)
+    """
+    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MOTION_GYM", "XDG"))}
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], env=variables, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    data, cache = done.stdout.splitlines()
+    assert "no home folder" in data and "set MOTION_GYM_DATA" in data
+    assert cache.startswith("Not cached: ") and "set MOTION_GYM_CACHE" in cache
+
+
 def test_two_processes_build_one_entry(cache: Path) -> None:
     code = """
     import sys, time, warnings

@@ -134,6 +134,18 @@ def test_several_recordings_are_stacked_and_their_agents_differ(parts, least):
     assert_same(together, stack(alone))
 
 
+@given(st.lists(recordings(), min_size=1, max_size=3))
+def test_a_scene_has_the_number_of_its_last_observed_frame(parts):
+    times, before = [], 0
+    for part in parts:
+        frames = np.unique(part.frame)
+        rows = [Recording(part.frame, part.agent, np.stack([np.searchsorted(frames, part.frame)] * 2, 1) * 1.0, 0.4)]
+        observation = windows_of(rows).observation
+        times += (observation.history[observation.scene[:-1], -1, 0] + before).tolist()
+        before += len(frames)
+    assert windows_of(parts).observation.time.tolist() == times
+
+
 @given(recordings())
 def test_tracks_count_steps_before_and_after(recording):
     tracks = Tracks.of(recording)

@@ -94,7 +94,7 @@ def test_equal_to_plain_python(case, k):
     k = min(k, forecast.positions.shape[1]) if forecast.positions.shape[1] > 1 else k
     scores = metrics.score(forecast, truth, k)
     expected = plain_scores(forecast, truth, k)
-    assert set(scores) == {*expected, "KDE_NLL"}
+    assert set(scores) == {*expected, f"KDE_NLL_{k}"}
     for name, values in expected.items():
         np.testing.assert_allclose(scores[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
         assert scores[name].dtype == np.float64
@@ -122,13 +122,15 @@ def test_kde_nll_uses_the_first_k_samples():
     assert (metrics.kde_nll(forecast, truth, 5) != metrics.kde_nll(forecast, truth, 9)).all()
 
 
-def test_kde_nll_of_samples_on_a_line_is_finite_and_of_one_point_is_nan():
+def test_kde_nll_of_samples_on_a_line_or_in_one_point_is_finite():
     forecast, truth = make([2], samples=6, all_known=True)
     forecast.positions[0, ..., 1] = truth.future[0, None, :, 1]
     forecast.positions[1] = forecast.positions[1, :1]
     line, point = metrics.kde_nll(forecast, truth, 6)
     assert -10 < line < 20
-    assert np.isnan(point)
+    error = ((forecast.positions[1, 0].astype(float) - truth.future[1]) ** 2).sum(axis=-1)
+    expected = np.minimum(error / 2e-4 + math.log(2 * math.pi * 1e-4), 20).mean()
+    assert point == pytest.approx(expected)
 
 
 def test_kde_nll_kernels_are_never_narrower_than_a_centimetre():
@@ -143,12 +145,39 @@ def test_kde_nll_of_a_lost_agent_is_20():
     np.testing.assert_array_equal(metrics.kde_nll(forecast, truth, 6), [20, 20])
 
 
-@pytest.mark.parametrize("weights", [[0, 0, 0, 0, 1], [0, 0, 0, 1, 1], [0, 0, 0, 0, 0]])
-def test_kde_nll_needs_three_samples_of_some_weight(weights):
+@pytest.mark.parametrize("weights", [[0, 0, 0, 0, 1], [0, 0, 0, 1, 1], [1, 0, 0, 0, 0]])
+def test_kde_nll_counts_agents_whose_weight_lies_on_few_samples(weights):
     forecast, truth = make([2], all_known=True)
     weighted = Forecast(forecast.positions, np.array([weights, [1, 1, 1, 0, 0]], np.float32))
-    assert np.isnan(metrics.kde_nll(weighted, truth, 5)).tolist() == [True, False]
+    only = Forecast(forecast.positions[:, np.flatnonzero(weights)].repeat(3, axis=1))
+    values = metrics.kde_nll(weighted, truth, 5)
+    assert np.isfinite(values).all() and values.max() <= 20
+    if sum(weights) == 1:  # the kernels of three equal samples are as wide as that of one
+        apart = metrics.kde_nll(Forecast(np.concatenate([only.positions[:1], forecast.positions[1:, :3]])), truth, 3)
+        assert values[0] == pytest.approx(apart[0])
+
+
+def test_kde_nll_is_nan_for_what_is_no_density():
+    forecast, truth = make([2], all_known=True)
     assert np.isnan(metrics.kde_nll(forecast, truth, 2)).all()
+    assert np.isnan(metrics.kde_nll(Forecast(forecast.positions[:, :1].repeat(5, axis=1)), truth, 5)).all()
+
+
+def test_weights_that_are_all_zero_are_refused():
+    forecast, truth = make([2], all_known=True)
+    with pytest.raises(PredictorError, match="weights of row 1 are 0 for the first 5 samples"):
+        metrics.score(Forecast(forecast.positions, np.array([[1] * 5, [0] * 5], np.float32)), truth, 5)
+
+
+@pytest.mark.parametrize("k", [1, 5])
+def test_metrics_that_hold_a_length_in_metres_are_left_out_of_other_units(k):
+    forecast, truth = make([3, 2], all_known=True)
+    metres, pixels = metrics.score(forecast, truth, k), metrics.score(forecast, truth, k, unit="px")
+    assert not {name for name in pixels if name.startswith(("MR", "collision", "KDE"))}
+    assert set(metres) - set(pixels) == {n for n in metres if n.startswith(("MR", "collision", "KDE"))}
+    assert {row.unit for row in metrics.metric_rows(k, "px")} == {"px"}
+    for name, values in pixels.items():
+        np.testing.assert_array_equal(values, metres[name])
 
 
 @fast
@@ -301,13 +330,13 @@ def test_one_sample_stands_for_any_k():
     for name in ("minADE_20", "JADE_20"):
         np.testing.assert_array_equal(scores[name], scores["ADE"])
     np.testing.assert_array_equal(scores["MR_2m_20"], scores["MR_2m"])
-    assert np.isnan(scores["KDE_NLL"]).all()
+    assert np.isnan(scores["KDE_NLL_20"]).all()
 
 
 def test_rows_of_the_table():
     assert [m.name for m in metrics.metric_rows(1)] == ["ADE", "FDE", "MR_2m", "collision_0.2m"]
     names = [m.name for m in metrics.metric_rows(20)]
-    assert names[4:] == ["minADE_20", "minFDE_20", "JADE_20", "JFDE_20", "MR_2m_20", "KDE_NLL"]
+    assert names[4:] == ["minADE_20", "minFDE_20", "JADE_20", "JFDE_20", "MR_2m_20", "KDE_NLL_20"]
     assert not any("{" in m.name + m.description for m in metrics.metric_rows(20))
 
 

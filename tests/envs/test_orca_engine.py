@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motion_gym.contract import SpecError
-from motion_gym.envs import rvo
-from motion_gym.envs.rvo import simulate
+from motion_gym.envs.orca_engine import simulation as engine
+from motion_gym.envs.orca_engine.simulation import simulate
 
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).parents[2] / "../shared"))
 EXACT = platform.machine().lower() in ("x86_64", "amd64")
@@ -98,6 +98,16 @@ def test_regenerates_the_released_scenes(d):
     assert error.mean() < 1e-5
 
 
+@pytest.mark.parametrize("shift", [1e3, 1e6, (4e6, -1e7)])
+def test_scenes_far_from_the_zero_point_have_the_same_paths(shift):
+    start = circle_crossing(40, 3, 0.3, seed=5)
+    near, far = simulate(start, -start, radius=0.3), simulate(start + shift, -start + shift, radius=0.3)
+    assert np.array_equal(near.positions, near.positions.astype(np.float32)), "the state is float32"
+    # Float64 rounds a start at 1e7 m by up to 1e-9 m, which can change its float32 value by one unit in the last place.
+    assert np.abs(far.positions - shift - near.positions).max() < 1e-3
+    assert np.linalg.norm(far.positions[:, -1] - far.positions[:, 0], axis=-1).min() > 1, "everybody moves"
+
+
 @pytest.mark.parametrize("agents", [2, 5, 10])
 def test_agrees_with_rvo2(agents):
     radius = np.resize([0.1, 0.3, 0.6], 200)
@@ -175,7 +185,7 @@ def test_a_scene_does_not_depend_on_its_batch(seed, agents, chunk):
     start = circle_crossing(7, agents, radius, seed)
     batch = simulate(start, -start, radius=radius, steps=300)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rvo, "CHUNK", chunk)
+        patch.setattr(engine, "CHUNK", chunk)
         chunked = simulate(start, -start, radius=radius, steps=300)
     np.testing.assert_array_equal(batch.positions, chunked.positions)
     np.testing.assert_array_equal(batch.first_infeasible, chunked.first_infeasible)

@@ -1,0 +1,194 @@
+"""The rules of the optional methods of predictors and of copies; each takes a PredictorTrial and raises."""
+
+from __future__ import annotations
+
+import copy as copying
+import pickle as pickling
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from motion_gym.checks import predictor_rules as rules
+from motion_gym.checks.predictor_rules import check_signature
+from motion_gym.checks.predictor_trials import PredictorTrial, gap, same, writable
+from motion_gym.checks.report import CheckError, NotChecked, Rule
+from motion_gym.contract import MotionGymError, PredictorError
+from motion_gym.stepping.harness import guarded
+from motion_gym.stepping.snapshot import global_randomness, shared_arrays
+
+COPIERS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
+    {"copy": copying.deepcopy, "pickle": lambda thing: pickling.loads(pickling.dumps(thing))}
+)
+
+
+def observe(trial: PredictorTrial) -> None:
+    """Observe takes partly known truth."""
+    predictor = trial.make()
+    check_signature(predictor, "observe", "truth")
+    if hasattr(predictor, "observe"):
+        trial.comparable()
+        trial.observe(trial.ready())
+
+
+def reset(trial: PredictorTrial) -> None:
+    """Whoever observes can reset, and then forecasts as if fresh."""
+    predictor = trial.make()
+    check_signature(predictor, "reset")
+    if hasattr(predictor, "observe") and not hasattr(predictor, "reset"):
+        raise CheckError("there is observe but no reset: define reset(self), which forgets all that was observed.")
+    if not hasattr(predictor, "reset"):
+        return
+    trial.comparable()
+    predictor = trial.ready()
+    _reset(predictor)
+    if not hasattr(predictor, "observe"):
+        return
+    before = trial.ask(predictor)
+    try:
+        trial.observe(predictor)
+    except MotionGymError as error:
+        raise NotChecked("observe raises") from error
+    _reset(predictor)
+    after = trial.ask(predictor)
+    if not same(before, after):
+        raise CheckError(
+            f"after observe and reset the forecasts are {gap(before, after)} from those before: bring back all that "
+            "observe changes."
+        )
+
+
+def fit(trial: PredictorTrial) -> None:
+    """Fit returns self or None, and the same seed gives the same forecasts."""
+    predictor = trial.make()
+    check_signature(predictor, "fit", "train", "validation", "seed")
+    if not trial.trainable:
+        return
+    predictor = trial.fresh()
+    with global_randomness():
+        returned = guarded(predictor, "fit", *trial.scenes.training(), 0)
+    if returned is not None and returned is not predictor:
+        raise CheckError(f"fit returned another object, a {type(returned).__name__}: return self.")
+    if getattr(predictor, "fitted", True) is not True:
+        raise CheckError(f"after fit, fitted is {predictor.fitted!r}: make it True.")
+    trial.comparable()
+    first = trial.ask(predictor)
+    for again, subject in ((trial.fresh(), "another one"), (predictor, "the same one again")):
+        with global_randomness(1):
+            guarded(again, "fit", *trial.scenes.training(), 0)
+        answer = trial.ask(again)
+        if not same(first, answer):
+            raise CheckError(
+                f"{subject}, fitted to the same data with the same seed, forecasts {gap(first, answer)} away: begin "
+                "anew in fit, and draw from its seed alone."
+            )
+
+
+def unfitted(trial: PredictorTrial) -> None:
+    """Whoever must be fitted first says so by a PredictorError."""
+    if not trial.trainable:
+        return
+    remedy = "raise motion_gym.contract.PredictorError that says: not fitted, call fit(train, validation, seed)"
+    predictor = trial.fresh()
+    try:
+        with global_randomness():
+            predictor.predict(writable(trial.scenes.truth.observation))
+    except PredictorError:
+        return
+    except Exception as error:
+        raise CheckError(f"predict before fit raised {type(error).__name__}: {error}: {remedy}.") from error
+    raise CheckError(f"predict before fit gave a forecast: {remedy}, or let fitted be True.")
+
+
+def save(trial: PredictorTrial) -> None:
+    """Save and load come together and bring back the same forecasts."""
+    predictor = trial.make()
+    for method, other in (("save", "load"), ("load", "save")):
+        check_signature(predictor, method, "path")
+        if hasattr(predictor, method) and not hasattr(predictor, other):
+            raise CheckError(f"there is {method} but no {other}: define {other}(self, path).")
+    if not hasattr(predictor, "save"):
+        return
+    trial.comparable()
+    predictor = trial.ready()
+    with tempfile.TemporaryDirectory() as folder, global_randomness(2):
+        path = Path(folder) / "weights"
+        guarded(predictor, "save", path)
+        try:
+            made = trial.fresh()
+            loaded = guarded(made, "load", path)
+            answer = trial.ask(made if loaded is None else loaded)
+        except MotionGymError as error:
+            raise CheckError(f"what save wrote could not be loaded and asked: {error}") from error
+    first = trial.ask(predictor)
+    if not same(first, answer):
+        raise CheckError(f"after save and load the forecasts are {gap(first, answer)} away: save all they need.")
+
+
+def copy(trial: PredictorTrial) -> None:
+    """A deep copy gives the same forecasts and is independent."""
+    _copies(trial, COPIERS["copy"])
+
+
+def pickle(trial: PredictorTrial) -> None:
+    """A pickled copy gives the same forecasts and is independent."""
+    _copies(trial, COPIERS["pickle"])
+
+
+def _copies(trial: PredictorTrial, copier: Callable[[Any], Any]) -> None:
+    try:
+        trial.comparable()
+        asks, predictor = True, trial.fitted(trial.scenes)
+    except MotionGymError:
+        asks, predictor = False, trial.make()
+    try:
+        twin = copier(predictor)
+    except Exception as error:
+        raise CheckError(
+            f"it raised {type(error).__name__}: {error}: keep lambdas, open files and classes defined in functions out "
+            "of it, or define __getstate__."
+        ) from error
+    common = shared_arrays(predictor, twin)
+    if common:
+        raise CheckError(f"the copy shares the memory of {', '.join(common[:3])}: copy arrays too.")
+    if not asks:
+        return
+    first, answer = trial.ask(predictor), trial.ask(twin)
+    if not same(first, answer):
+        raise CheckError(f"the copy forecasts {gap(first, answer)} away: carry all state over.")
+    if hasattr(twin, "observe"):
+        try:
+            trial.observe(twin)
+        except MotionGymError:
+            return  # rule `observe` says so
+        if not same(first, trial.ask(predictor)):
+            raise CheckError("what the copy observed changed the forecasts of the original: share nothing.")
+
+
+def _reset(predictor: Any) -> None:
+    with global_randomness():
+        guarded(predictor, "reset")
+
+
+PREDICTOR_RULES: Mapping[str, Rule] = MappingProxyType(
+    {
+        "attributes": rules.attributes,
+        "unfitted": unfitted,
+        "fit": fit,
+        "predict": rules.predict,
+        "forecast": rules.forecast,
+        "pure": rules.pure,
+        "state": rules.state,
+        "input": rules.input_,
+        "buffer": rules.buffer,
+        "randomness": rules.randomness,
+        "seed": rules.seed,
+        "scenes": rules.scenes,
+        "observe": observe,
+        "reset": reset,
+        "save": save,
+        "pickle": pickle,
+        "copy": copy,
+    }
+)
