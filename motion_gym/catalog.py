@@ -111,7 +111,7 @@ PREDICTORS = {
         "STGAT that reads a style, any number of agents; needs PyTorch",
     ),
     "transfer": Entry(
-        "motion_gym.predictors.transfer:Transfer",
+        "motion_gym.predictors.adapters.transfer:Transfer",
         "around modular: tuned on a few scenes of a style; needs PyTorch and scenes of two agents",
     ),
     "refine": Entry(

@@ -13,7 +13,9 @@ from motion_gym.data.windows import check_truth, pick_scenes_of
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import kept_distances, scenes_of
 from motion_gym.predictors.training.ego_training import EgoProgram, forecast
-from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
+from motion_gym.training.weight_files import check_shapes
 
 AGENTS_AT_ONCE = 4000
 """Agents of one forward pass, about, so that memory does not grow with the test set."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
-from motion_gym.predictors.sigma import check_sigma, relative_to_scene
+from motion_gym.predictors.networks.sigma import check_sigma, relative_to_scene
 
 if TYPE_CHECKING:
     from motion_gym.predictors.networks.last_layer import LastLayer

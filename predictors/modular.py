@@ -19,7 +19,9 @@ from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.objectives import Erm, Irm, Objective
 from motion_gym.predictors.training.style_training import PLAIN, Schedule, StyleProgram
 from motion_gym.predictors.training.transfer_training import PARTS
-from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
+from motion_gym.training.weight_files import check_shapes
 
 
 @dataclass(eq=False, repr=False)

@@ -16,13 +16,13 @@ from motion_gym.predictors.networks import pair_network, stgat_network, stgat_st
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.neighbour_pairs import NeighbourPairs, whole_paths
 from motion_gym.predictors.networks.pair_network import CODE
+from motion_gym.predictors.networks.sigma import check_sigma
 from motion_gym.predictors.networks.stgat_network import Draws
 from motion_gym.predictors.settings import setting
-from motion_gym.predictors.sigma import check_sigma
 from motion_gym.predictors.stgat_predictor import PARTS, Stgat
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.modular_stgat_training import StyledStgatProgram
-from motion_gym.predictors.weighted import Weights
+from motion_gym.training.program import Weights
 
 
 @dataclass(eq=False, repr=False)

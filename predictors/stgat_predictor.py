@@ -16,6 +16,7 @@ from motion_gym.data.windows import pick_scenes_of
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.last_layer import LastLayer, with_one
 from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.networks.sigma import check_sigma, relative_to_scene
 from motion_gym.predictors.networks.stgat_network import (
     NOISE,
     STATES,
@@ -25,13 +26,13 @@ from motion_gym.predictors.networks.stgat_network import (
     decoder_states,
     encode,
 )
+from motion_gym.predictors.networks.stgat_released import import_released
 from motion_gym.predictors.settings import setting
-from motion_gym.predictors.sigma import check_sigma, relative_to_scene
-from motion_gym.predictors.stgat_released import import_released
 from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.objectives import Objective
 from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
-from motion_gym.predictors.weighted import Weighted, Weights
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
 
 if TYPE_CHECKING:
     from typing_extensions import Self

@@ -9,7 +9,8 @@ from torch import Tensor
 from motion_gym.contract import Truth
 from motion_gym.data.windows import check_truth, pick_scenes, whole_scenes
 from motion_gym.predictors.networks.pair_network import CODE
-from motion_gym.predictors.weighted import Weighted, Weights
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
 
 
 class StyleMemory(Weighted):

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
-import torch
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import Observation, PredictorError, SpecError, Truth
 from motion_gym.predictors.settings import check_settings, name_of_settings, optional, whole
 from motion_gym.training import loop as training
-from motion_gym.training.loop import Program, Progress, Weights, device_named
+from motion_gym.training.loop import Progress, device_named
+from motion_gym.training.program import Program, Weights
 from motion_gym.training.provenance import commit, versions
 from motion_gym.training.weight_files import locate, read, write
 
@@ -179,7 +178,7 @@ class Weighted:
         return self
 
     def _ready(self, observation: Observation | None = None) -> Weights:
-        """The weights of the seed; the shipped ones, if none were given.
+        """The weights of the seed; the shipped ones if there are no others.
 
         Raises:
             PredictorError: there are no weights, or the observation has another time step than they were trained on.
@@ -214,7 +213,7 @@ class Weighted:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all that was observed; nothing here, and what other weights made of it is of no use either."""
+        """Forget everything that was observed; nothing here."""
 
     def save(self, path: str | Path) -> None:
         """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
@@ -233,59 +232,3 @@ class Weighted:
             PredictorError: the file is missing, damaged, or has the weights of another model.
         """
         self.use(*read(Path(path)), str(path))
-
-
-def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
-    """Raise PredictorError unless both sets hold the same number of environments, and complete windows of each."""
-    if isinstance(train, Truth) or isinstance(validation, Truth):
-        raise PredictorError(
-            "Training and validation sets are sequences of Truth, one for each environment: give [truth]."
-        )
-    if not train or len(train) != len(validation):
-        raise PredictorError(
-            f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
-            "least one, and the same ones for both."
-        )
-    for name, truths in (("training", train), ("validation", validation)):
-        for place, truth in enumerate(truths):
-            if not len(truth.future):
-                raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
-            if not np.isclose(truth.observation.dt, train[0].observation.dt, rtol=1e-3):
-                raise PredictorError(
-                    f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
-                    f"the training set {train[0].observation.dt:.3g} s: resample them."
-                )
-            if not truth.known.all():
-                raise PredictorError(
-                    f"Environment {place} of the {name} set has future steps that are not known: give complete windows."
-                )
-
-
-def check_shapes(
-    tensors: Weights, expected: dict[str, tuple[int, ...]], source: str, hints: Mapping[str, str] = MappingProxyType({})
-) -> None:
-    """Raise PredictorError unless tensors are finite and of the expected names and shapes, behind the axis of models.
-
-    Args:
-        tensors: Weights [M, ...].
-        expected: Shape of each, without M.
-        source: Whose they are, for messages.
-        hints: What it means if a weight has another shape.
-    """
-    found = {key: tuple(value.shape[1:]) for key, value in tensors.items() if value.ndim}
-    if found.keys() != expected.keys():
-        lacking, unknown = sorted(expected.keys() - found.keys()), sorted(found.keys() - expected.keys())
-        raise PredictorError(
-            f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
-            f"{unknown or 'nothing'} besides."
-        )
-    models = {len(value) for value in tensors.values()}
-    if len(models) != 1 or 0 in models:
-        raise PredictorError(
-            f"{source}: tensors are of {sorted(models)} models; all must be of the same number, 1 or more."
-        )
-    for key, shape in expected.items():
-        if found[key] != shape:
-            raise PredictorError(f"{source}: {key} has shape {found[key]}, expected {shape}.{hints.get(key, '')}")
-        if not torch.isfinite(tensors[key]).all():
-            raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")

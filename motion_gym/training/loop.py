@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -25,70 +25,10 @@ from torch import Tensor
 from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.storage import write_atomic
+from motion_gym.training.program import Program, Stage, Weights
 
-Weights = dict[str, Tensor]
 TRAINING, VALIDATION = 0, 1
 """Purposes of random numbers."""
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stage of a training.
-
-    Attributes:
-        name: For the progress bar and the card.
-        epochs: Number of epochs.
-        rates: Learning rate of Adam by a weight's name or the first part of it; ``""`` for the rest. Weights without a
-            rate stay as they are.
-        selects: Whether validation scores of this stage decide which weights are kept.
-        decays: Whether the learning rates fall from epoch to epoch, along a half cosine towards 0; the number of epochs
-            is then part of the configuration.
-    """
-
-    name: str
-    epochs: int
-    rates: Mapping[str, float]
-    selects: bool = False
-    decays: bool = False
-
-
-class Program:
-    """What is to be trained; a subclass sets the attributes and gives first weights, losses and validation scores.
-
-    Attributes:
-        stages: Stages, one after another.
-        config: Everything that the result depends on, in JSON types; a checkpoint of another configuration is refused.
-    """
-
-    stages: list[Stage]
-    config: dict[str, Any]
-
-    def first(self, seed: int) -> Weights:
-        """First weights of one model, [1, ...]."""
-        raise NotImplementedError
-
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights [M, ...] of all models."""
-        models = [self.first(seed) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in models]) for name in models[0]}
-
-    def state(self, models: int) -> Tensor:
-        """State of the objective at the beginning of a stage; empty here."""
-        return torch.zeros(0)
-
-    def losses(
-        self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
-    ) -> Iterator[Tensor]:
-        """Losses [M] of the steps of an epoch, one after the other; weights change in between."""
-        raise NotImplementedError
-
-    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """Validation scores [M], lower is better."""
-        raise NotImplementedError
-
-    def finished(self, weights: Weights) -> Weights:
-        """The trained weights, on the CPU, with what the predictor needs besides."""
-        return weights
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from motion_gym.predictors.settings import any_text, number, positive, setting, 
 MOST_WEIGHTS = 4096
 """Weights that can be filtered: their covariance has as many squared."""
 STEPS = (2, 5, 8, 11)
-"""Future steps, from 0, whose positions are what is measured."""
+"""Future steps, from 0, whose positions are the measurements."""
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -39,7 +39,7 @@ class Ekf(Adapter):
         memory: See ``Adapter``.
         parts: The weights: ``modulator`` (f), ``last_layer``, or others of at most 4096 weights.
         spread: Standard deviation of the weights around the trained ones at the start; above 0.
-        drift: Standard deviation of what each scene adds to it; 0 or more.
+        drift: Standard deviation of the drift of the weights between scenes; 0 or more.
         noise: Standard deviation of a coordinate of a position, metres; above 0.
         average: Share of the old average that an update leaves, from 0 to below 1.
         gate: A scene is skipped if its innovation, in standard deviations, is above this on root mean square.
@@ -82,18 +82,18 @@ class Ekf(Adapter):
         self.outliers = 0
         """Scenes that were left out."""
         self.measured: OrderedDict[SceneKey, None] = OrderedDict()
-        """The last scenes that were measured, by what was observed: each is measured once."""
+        """The last scenes that were measured, by ``scene_key``: each is measured once."""
         self.waiting = 0
         """Scenes that have come since the last update."""
 
     def learn(self, truth: Truth) -> None:
         """Update by the scene in which most agents are known, if enough have come."""
-        said = np.bincount(truth.observation.scene_index, truth.known.sum(axis=1) >= self.least)
-        scenes = {scene_key(truth, scene): scene for scene in np.flatnonzero(said).tolist()}
+        known_agents = np.bincount(truth.observation.scene_index, truth.known.sum(axis=1) >= self.least)
+        scenes = {scene_key(truth, scene): scene for scene in np.flatnonzero(known_agents).tolist()}
         new = {key: scene for key, scene in scenes.items() if key not in self.measured}
         self.waiting += len(new)
         if self.waiting >= self.every and new:
-            best = max(new.values(), key=lambda scene: said[scene])
+            best = max(new.values(), key=lambda scene: known_agents[scene])
             self._update(pick_scenes(truth, [best]))
             self.waiting = 0
         self.measured.update(dict.fromkeys(new))
@@ -152,16 +152,16 @@ class Ekf(Adapter):
             for name in self.tuned:
                 weights[name].requires_grad_()
             offsets = self.inner.offsets(scene.observation, weights)
-            said = offsets[torch.arange(models), agent, step, axis]
-            slopes = torch.autograd.grad(said.sum(), [weights[name] for name in self.tuned])
+            predicted = offsets[torch.arange(models), agent, step, axis]
+            slopes = torch.autograd.grad(predicted.sum(), [weights[name] for name in self.tuned])
         target = torch.from_numpy(scene.future - scene.observation.xy[:, -1:])[agent, step, axis]
-        return torch.cat([slope.flatten(1) for slope in slopes], dim=1), target - said.detach()
+        return torch.cat([slope.flatten(1) for slope in slopes], dim=1), target - predicted.detach()
 
     def _split(self, state: Tensor) -> dict[str, Tensor]:
         """The weights of a state."""
-        found, first = {}, 0
+        tensors, first = {}, 0
         for name in self.tuned:
             shape = self.inner.tensors[name].shape
-            found[name] = state[first : first + shape.numel()].view(shape)
+            tensors[name] = state[first : first + shape.numel()].view(shape)
             first += shape.numel()
-        return found
+        return tensors

@@ -1,4 +1,4 @@
-"""Online fine-tuning: gradient steps on what has just become known and on what is remembered."""
+"""Online fine-tuning: gradient steps on new ground truth and on remembered scenes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Finetune(Adapter):
 
     What is minimised is the mean distance of the forecast positions from the true ones over all points that are known,
     metres: censored forecasts, and labels that come step by step, count as far as they go. A scene that is told again
-    with more of its steps known replaces what was remembered of it. Where the style encoder is tuned, the style of a
+    with more of its steps known replaces the remembered one. Where the style encoder is tuned, the style of a
     step is the mean code of its own scenes, unless a style is never read.
 
     Args:
@@ -74,7 +74,7 @@ class Finetune(Adapter):
     def _start(self) -> None:
         super()._start()
         self.recent: OrderedDict[SceneKey, Truth] = OrderedDict()
-        """Scenes that are remembered, by what was observed."""
+        """Scenes that are remembered, by ``scene_key``."""
         self.waiting = 0
         """Scenes that have come since the last update."""
         self.state: dict[str, Any] = {}

@@ -27,7 +27,7 @@ class Layout:
 
     @classmethod
     def of(cls, scene: np.ndarray, device: torch.device | str = "cpu") -> Layout:
-        """Lay out scenes given as in an Observation: [S + 1] limits."""
+        """From the limits [S + 1] of an Observation's scenes."""
         limits = torch.tensor(scene, dtype=torch.int64, device=device)
         scenes = len(limits) - 1
         return cls(torch.repeat_interleave(torch.arange(scenes, device=device), limits.diff()), scenes, limits)
@@ -57,5 +57,5 @@ def attention_layer(x: Tensor, layout: Layout, weights: dict[str, Tensor], name:
     # Values and both parts of the logits come out of one product.
     parts = [w.transpose(1, 2).flatten(2)]
     parts += [torch.einsum("mhcf,mhf->mch", w, weights[f"{name}.{side}"]) for side in ("source", "target")]
-    made = normalise(x, layout.scene, layout.limits) @ torch.cat(parts, dim=-1)
-    return attend(made, bias, layout.limits, rectify)
+    projected = normalise(x, layout.scene, layout.limits) @ torch.cat(parts, dim=-1)
+    return attend(projected, bias, layout.limits, rectify)

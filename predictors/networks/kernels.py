@@ -67,11 +67,11 @@ def normalise(x: Tensor, scene: Tensor, limits: Tensor) -> Tensor:
     return off / (mean(off * off) + EPSILON).sqrt()
 
 
-def attend(made: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Tensor:
+def attend(projected: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Tensor:
     """Attention among the agents of each scene: softmax over j of leaky_relu(source_i + target_j), times the values.
 
     Args:
-        made: [T, M, A, heads * F + 2 * heads]: values, then sources, then targets of each head.
+        projected: [T, M, A, heads * F + 2 * heads]: values, then sources, then targets of each head.
         bias: [M, F], added for each head.
         limits: [S + 1] int64; scene s has the agents limits[s] to limits[s + 1].
         rectify: Whether to end with an exponential linear unit.
@@ -79,17 +79,17 @@ def attend(made: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Tensor:
     Returns:
         [T, M, A, heads * F].
     """
-    if serve(made):
-        return Attend.apply(made, bias, limits, rectify)  # type: ignore[no-any-return]
+    if serve(projected):
+        return Attend.apply(projected, bias, limits, rectify)  # type: ignore[no-any-return]
     features = bias.shape[-1]
-    heads = made.shape[-1] // (features + 2)
+    heads = projected.shape[-1] // (features + 2)
     sizes = limits.diff()[:, None]
-    place = torch.arange(int(sizes.max()) if len(sizes) else 0, device=made.device)
+    place = torch.arange(int(sizes.max()) if len(sizes) else 0, device=projected.device)
     there = place < sizes
-    padded = made[:, :, torch.where(there, limits[:-1, None] + place, 0)] * there[..., None]
+    padded = projected[:, :, torch.where(there, limits[:-1, None] + place, 0)] * there[..., None]
     values, source, target = padded.split([heads * features, heads, heads], dim=-1)
     logits = leaky_relu(source[..., :, None, :] + target[..., None, :, :], SLOPE)
-    logits = logits.masked_fill(~there[:, None, :, None], torch.finfo(made.dtype).min)
+    logits = logits.masked_fill(~there[:, None, :, None], torch.finfo(projected.dtype).min)
     attended = torch.einsum("...ijh,...jhf->...ihf", logits.softmax(dim=-2), values.unflatten(-1, (heads, features)))
     out = (attended + bias[:, None, None, None]).flatten(-2)[:, :, there]
     return elu(out) if rectify else out
@@ -113,8 +113,8 @@ class LstmCell(torch.autograd.Function):
         """Gradients of gates and cells."""
         gates, cells, after = ctx.saved_tensors
         d_gates, d_cells = torch.empty_like(gates), torch.empty_like(cells)
-        given = _flat(gates, cells, after, d_hidden.contiguous(), d_after.contiguous())
-        lstm_backward(*given, *_flat(d_gates, d_cells))
+        arrays = _flat(gates, cells, after, d_hidden.contiguous(), d_after.contiguous())
+        lstm_backward(*arrays, *_flat(d_gates, d_cells))
         return d_gates, d_cells
 
 
@@ -144,27 +144,27 @@ class Attend(torch.autograd.Function):
     """``attend`` by kernels."""
 
     @staticmethod
-    def forward(ctx: Any, made: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Tensor:
-        """What each agent attends to."""
-        made, features = made.contiguous(), bias.shape[1]
-        heads = made.shape[3] // (features + 2)
-        out = made.new_empty(*made.shape[:3], heads * features)
-        every = bias.detach().repeat(len(made), 1).numpy()
-        attend_forward(*_flat(made), limits.numpy(), every, rectify, *_flat(out))
-        ctx.save_for_backward(made, out, limits)
+    def forward(ctx: Any, projected: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Tensor:
+        """Attended values."""
+        projected, features = projected.contiguous(), bias.shape[1]
+        heads = projected.shape[3] // (features + 2)
+        out = projected.new_empty(*projected.shape[:3], heads * features)
+        every = bias.detach().repeat(len(projected), 1).numpy()
+        attend_forward(*_flat(projected), limits.numpy(), every, rectify, *_flat(out))
+        ctx.save_for_backward(projected, out, limits)
         ctx.rectify, ctx.features = rectify, features
         return out
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, d_out: Tensor) -> tuple[Tensor, Tensor, None, None]:  # type: ignore[override]
-        """Gradients of made and bias."""
-        made, out, limits = ctx.saved_tensors
-        d_made = torch.empty_like(made)
-        d_bias = made.new_zeros(*made.shape[:2], ctx.features)
-        arrays = _flat(made, out, d_out.contiguous())
-        attend_backward(*arrays, limits.numpy(), ctx.rectify, *_flat(d_made, d_bias))
-        return d_made, d_bias.sum(dim=0), None, None
+        """Gradients of projected and bias."""
+        projected, out, limits = ctx.saved_tensors
+        d_projected = torch.empty_like(projected)
+        d_bias = projected.new_zeros(*projected.shape[:2], ctx.features)
+        arrays = _flat(projected, out, d_out.contiguous())
+        attend_backward(*arrays, limits.numpy(), ctx.rectify, *_flat(d_projected, d_bias))
+        return d_projected, d_bias.sum(dim=0), None, None
 
 
 def _flat(*tensors: Tensor) -> list[np.ndarray]:
@@ -311,9 +311,9 @@ def weigh(logit, n, share, scaled, row):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def attend_forward(made, limits, bias, rectify, out):  # type: ignore[no-untyped-def]
+def attend_forward(projected, limits, bias, rectify, out):  # type: ignore[no-untyped-def]
     """``attend`` of arrays [B, A, ...], with the bias [B, F]."""
-    batch, agents, width = made.shape
+    batch, agents, width = projected.shape
     features = bias.shape[1]
     heads = width // (features + 2)
     tops, share = np.empty(agents, float32), np.empty(agents, float32)
@@ -323,7 +323,7 @@ def attend_forward(made, limits, bias, rectify, out):  # type: ignore[no-untyped
             first, n = limits[s], limits[s + 1] - limits[s]
             if n == 0:
                 continue
-            rows = made[b, first : first + n]
+            rows = projected[b, first : first + n]
             for h in range(heads):
                 columns = slice(h * features, (h + 1) * features)
                 top = exponentials(rows, heads * features + heads + h, tops, share, scaled)
@@ -342,20 +342,20 @@ def attend_forward(made, limits, bias, rectify, out):  # type: ignore[no-untyped
 
 
 @kernel
-def attend_backward(made, out, d_out, limits, rectify, d_made, d_bias):  # type: ignore[no-untyped-def]
-    """Gradients of ``attend_forward``: d_made is written, d_bias [B, F] is added to; weights are found again."""
-    batch, agents, width = made.shape
+def attend_backward(projected, out, d_out, limits, rectify, d_projected, d_bias):  # type: ignore[no-untyped-def]
+    """Gradients of ``attend_forward``: d_projected is written, d_bias [B, F] is added to; weights are recomputed."""
+    batch, agents, width = projected.shape
     features = d_bias.shape[1]
     heads = width // (features + 2)
     tops, share, scaled = np.empty(agents, float32), np.empty(agents, float32), np.empty(agents, float32)
     row, d_row, d = np.empty(agents, float32), np.empty(agents, float32), np.empty(features, float32)
-    d_made[:] = 0
+    d_projected[:] = 0
     for b in range(batch):
         for s in range(len(limits) - 1):
             first, n = limits[s], limits[s + 1] - limits[s]
             if n == 0:
                 continue
-            rows, written = made[b, first : first + n], d_made[b, first : first + n]
+            rows, written = projected[b, first : first + n], d_projected[b, first : first + n]
             for h in range(heads):
                 columns = slice(h * features, (h + 1) * features)
                 source, target = heads * features + h, heads * features + heads + h
@@ -363,9 +363,9 @@ def attend_backward(made, out, d_out, limits, rectify, d_made, d_bias):  # type:
                 for i in range(n):
                     logit = rows[i, source] + top
                     weigh(logit, n, share, scaled, row)
-                    given, upstream = out[b, first + i, columns], d_out[b, first + i, columns]
+                    output, upstream = out[b, first + i, columns], d_out[b, first + i, columns]
                     for f in range(features):
-                        d[f] = upstream[f] * (min(given[f], float32(0)) + float32(1)) if rectify else upstream[f]
+                        d[f] = upstream[f] * (min(output[f], float32(0)) + float32(1)) if rectify else upstream[f]
                     for f in range(features):
                         d_bias[b, f] += d[f]
                     mean = d_source = float32(0)

@@ -14,8 +14,7 @@ from motion_gym.contract import PredictorError, Truth
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import FREE, Scenes, kept_distances, scenes_of
-from motion_gym.predictors.weighted import Weights, check_complete
-from motion_gym.training.loop import Program, Stage
+from motion_gym.training.program import Program, Stage, Weights, check_complete
 
 STYLED = "manoeuvre"
 """Name of the network with a style."""
@@ -33,7 +32,7 @@ TRUST = 0.05
 
 
 def distance_and_trust(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distance that agents keep, metres, and the share [0, 1) that what follows from it has in a forecast.
+    """The distance that agents keep, metres, and the weight [0, 1) of the styled network in a forecast.
 
     Args:
         state: [..., 2] sums of ``kept_distances`` over scenes.
@@ -56,7 +55,7 @@ class EgoProgram(Program):
         config: What else the result depends on.
 
     Raises:
-        PredictorError: nothing to train on, or environments in which nobody keeps a distance from anybody.
+        PredictorError: nothing to train on, or environments without a style to read.
     """
 
     def __init__(
@@ -112,7 +111,7 @@ class EgoProgram(Program):
                 )
         if (drawn[..., 0] < TRUST).any():
             raise PredictorError(
-                "In some training environment nobody keeps a distance from anybody, so that there is no style to read: "
+                "In some training environment nobody keeps a distance from anybody else, so there is no style to read: "
                 "train `ego_erm`."
             )
         self.seen = drawn[:, 0]
@@ -177,7 +176,7 @@ class EgoProgram(Program):
 
 
 def forecast(scenes: Scenes, state: np.ndarray, weights: Weights) -> Tensor:
-    """Offsets [M, A, 24] for scenes [M, A, ...], given the sums [2] of what was seen of the style."""
+    """Offsets [M, A, 24] for scenes [M, A, ...], given the sums [2] of ``kept_distances`` over the observed scenes."""
     plain = ego_network.without_style(scenes, weights)
     if f"{STYLED}.bias1" not in weights:
         return plain

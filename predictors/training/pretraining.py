@@ -13,7 +13,7 @@ from torch import Tensor
 
 from motion_gym import catalog
 from motion_gym.benchmarks import shipped as benchmarks
-from motion_gym.benchmarks.results import package_code
+from motion_gym.benchmarks.results import package_code, versions
 from motion_gym.data.storage import write_atomic
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.modular import Modular
@@ -23,7 +23,6 @@ from motion_gym.predictors.training.style_training import Schedule, StyleProgram
 from motion_gym.predictors.weighted import Weights
 from motion_gym.training import loop as training
 from motion_gym.training import plans as training_plans
-from motion_gym.training.provenance import versions
 
 VARIANTS = {"pre-trained": (100, 50, 20, 100), "not pre-trained": (100, 0, 20, 100)}
 """Epochs of the stages; the second one pre-trains the style encoder."""

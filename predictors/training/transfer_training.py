@@ -13,8 +13,7 @@ from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.pair_network import AGENTS, Pairs
 from motion_gym.predictors.training.style_loss import style_loss
-from motion_gym.predictors.weighted import Weights
-from motion_gym.training.loop import Program, Stage
+from motion_gym.training.program import Program, Stage, Weights
 
 PARTS: Mapping[str, tuple[str, ...]] = {
     "all": ("encoder", "decoder", "style", "modulator", "head"),

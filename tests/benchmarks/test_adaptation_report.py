@@ -8,7 +8,7 @@ import pytest
 from motion_gym.benchmarks import adaptation_report, benchmark_report, pretraining_report, seed_tables
 from motion_gym.benchmarks import shipped as benchmarks
 from motion_gym.benchmarks.shipped import BENCHMARKS, TRIED, TUNED, Part
-from motion_gym.predictors import transfer
+from motion_gym.predictors.adapters import transfer
 from motion_gym.predictors.training import pretraining
 from motion_gym.predictors.training.transfer_training import PARTS
 from motion_gym.training import plans as training_plans

@@ -17,8 +17,8 @@ from motion_gym.contract import Observation, PredictorError
 from motion_gym.data.storage import StorageError
 from motion_gym.predictors.networks import stgat_network as network
 from motion_gym.predictors.networks.graph_attention import Layout
+from motion_gym.predictors.networks.stgat_released import import_released
 from motion_gym.predictors.stgat import Erm, Invariant
-from motion_gym.predictors.stgat_released import import_released
 from motion_gym.training import weight_files
 from tests.crowd_with_sigma import CrowdWithSigma
 

@@ -10,11 +10,11 @@ import motion_gym as mg
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.data.domains import training_set
 from motion_gym.data.windows import pick_scenes
-from motion_gym.predictors import transfer
+from motion_gym.predictors.adapters import transfer
 from motion_gym.predictors.adapters.refine import Refine
+from motion_gym.predictors.adapters.transfer import Transfer
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.training.transfer_training import PARTS
-from motion_gym.predictors.transfer import Transfer
 
 SOURCES = [f"orca:d={d},scenes=200" for d in (0.1, 0.3, 0.5)]
 

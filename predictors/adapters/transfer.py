@@ -19,9 +19,9 @@ from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.settings import number, one_of, optional, positive, setting, whole
 from motion_gym.predictors.training.style_training import mean_code
 from motion_gym.predictors.training.transfer_training import BATCH, PARTS, TransferProgram
-from motion_gym.predictors.weighted import Weights
 from motion_gym.stepping.harness import name_of
 from motion_gym.training import loop as training
+from motion_gym.training.program import Weights
 
 SCHEDULES: Mapping[str, tuple[int, float]] = {
     "all": (100, 1e-4),
@@ -33,7 +33,7 @@ SCHEDULES: Mapping[str, tuple[int, float]] = {
 PUBLISHED = (300, 1e-3)
 """Epochs and rate of the released program, which takes the epoch that is best on validation scenes of the target."""
 KEPT = 8
-"""Tuned weights that are kept: those of all seeds come about together, and are asked for one after the other."""
+"""Sets of tuned weights that are kept: all seeds are tuned together, and asked for one after the other."""
 
 _kept: dict[str, Weights] = {}
 
@@ -96,7 +96,7 @@ class Transfer(Around):
             PredictorError: there are no weights; the scenes are no multiple of 64, not complete, not of two agents, or
                 of another length of step; or the style loss needs to know the domains that the weights were trained on.
         """
-        count = check_truth(scenes, "What is to be tuned on").observation.scenes
+        count = check_truth(scenes, "The scenes to tune on").observation.scenes
         if not count or count % BATCH:
             raise PredictorError(
                 f"{self.name} is tuned on batches of {BATCH} scenes, and was given {count} scenes: give "
@@ -106,8 +106,8 @@ class Transfer(Around):
             self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
             self.begin = self.inner.stacked, self.inner.card
         weights, card = self.begin
-        given = [scenes] if validation is None else [scenes, check_truth(validation, "What is to be selected by")]
-        for truth in given:
+        truths = [scenes] if validation is None else [scenes, check_truth(validation, "The validation scenes")]
+        for truth in truths:
             self.inner._ready(truth.observation)
             if not truth.known.all():
                 raise PredictorError(f"{self.name} is tuned on scenes all of whose 20 steps are known: give such.")
@@ -122,7 +122,7 @@ class Transfer(Around):
         epochs, rate = self.schedule(published=validation is not None)
         sources = _windows(tuple(trained_on))
         program = TransferProgram(weights, scenes, sources, self.parts, epochs, rate, style_weight, validation)
-        tuned = _trained(program, given, card.get("seeds", list(range(len(weights["prior.dt"])))))
+        tuned = _trained(program, truths, card.get("seeds", list(range(len(weights["prior.dt"])))))
         if validation is not None:
             chosen = "the best epoch on validation scenes of the domain itself"
         elif self.epochs or self.rate:
@@ -133,7 +133,7 @@ class Transfer(Around):
         self.inner.use(tuned, card)
 
     def whole_scenes(self, truth: Truth) -> Truth | None:
-        """See ``Modular``, as for the next three, which are what ``Refine`` needs."""
+        """Scenes that a style can be read from; with the next three methods, the interface of ``Refine``."""
         return self.inner.whole_scenes(truth)
 
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
@@ -162,10 +162,10 @@ def _trained(program: TransferProgram, data: Sequence[Truth], seeds: Sequence[in
         key.update(name.encode() + value.numpy().tobytes())
     name = key.hexdigest()
     if name not in _kept:
-        made = training.train(program, seeds).weights
+        trained = training.train(program, seeds).weights
         if program.sources:
-            made["prior.code"] = mean_code([program.pairs, *program.sources], made)
-        _kept[name] = made
+            trained["prior.code"] = mean_code([program.pairs, *program.sources], trained)
+        _kept[name] = trained
         for old in list(_kept)[:-KEPT]:
             del _kept[old]
     return _kept[name]

@@ -64,10 +64,10 @@ def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
 def _plain(value: Any) -> float | None:
     """A finite number for the card, or None."""
     try:
-        found = float(value)
+        number = float(value)
     except (TypeError, ValueError):
         return None
-    return found if math.isfinite(found) else None
+    return number if math.isfinite(number) else None
 
 
 def _released_name(key: str) -> tuple[str, str]:
