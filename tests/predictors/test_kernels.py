@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from motion_gym.predictors.networks import kernels, lstm
+from motion_gym.predictors.networks import kernel_loops, lstm
 from motion_gym.predictors.networks import stgat_network as network
 from motion_gym.predictors.networks.graph_attention import Layout, graph_attention
 
@@ -90,9 +90,9 @@ def test_large_logits_do_not_overflow():
 
 def test_hyperbolic_tangent():
     x = np.concatenate([np.linspace(-12, 12, 100_001), [1e-6, -1e-20, 0, np.inf, -np.inf]]).astype(np.float32)
-    found = np.array([kernels.tanh(value) for value in x])
+    found = np.array([kernel_loops.tanh(value) for value in x])
     np.testing.assert_allclose(found, np.tanh(x.astype(np.float64)), atol=0, rtol=1e-6)
-    assert np.isnan(kernels.tanh(np.float32("nan")))
+    assert np.isnan(kernel_loops.tanh(np.float32("nan")))
 
 
 def test_numba_is_not_imported_before_it_is_needed():
