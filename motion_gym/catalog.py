@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from motion_gym.contract import Domain, MotionGymError, Predictor, SpecError, raised_at
+from motion_gym.contract import Domain, MotionGymError, ParameterError, Predictor, SpecError, raised_at
 from motion_gym.specs import format_spec, parse_spec, suggest, whole_number
 
 __all__ = [
@@ -336,7 +336,7 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str
             "of)`, and adapt a copy, `copy.deepcopy(of)`."
         )
     if unknown is not None:
-        raise SpecError(f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}")
+        raise ParameterError(f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}")
     ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
     if missing == ["of"]:

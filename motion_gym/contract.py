@@ -41,6 +41,10 @@ class SpecError(MotionGymError, ValueError):
     """A name or a parameter is not known, or a value is not allowed."""
 
 
+class ParameterError(SpecError, TypeError):
+    """A keyword is not a parameter; a TypeError, too, as of any Python function."""
+
+
 class PredictorError(MotionGymError, ValueError):
     """A predictor broke its contract."""
 
@@ -314,25 +318,3 @@ class Domain(Protocol):
     def reference(self) -> Truth:
         """Reference scenes, disjoint from ``windows("test")``; may be empty."""
         ...
-
-
-def check_action(action: Any, shape: tuple[int, ...], what: str, one_sample: bool = False) -> None:
-    """Check that an action is a float32 array of a shape.
-
-    Args:
-        action: What an environment was given.
-        shape: The shape it must have: samples, 12 steps, 2, perhaps behind further axes.
-        what: How to call it in the message.
-        one_sample: With K = 1, let the axis of samples be left out.
-
-    Raises:
-        ActionError: it is something else.
-    """
-    if not isinstance(action, np.ndarray) or action.dtype != np.float32:
-        kind = f"dtype {action.dtype}" if isinstance(action, np.ndarray) else f"type {type(action).__name__}"
-        raise ActionError(f"{what} has {kind}, not a float32 array: use numpy.asarray(action, dtype=numpy.float32).")
-    if action.shape != shape and not (one_sample and shape[0] == 1 and action.shape == shape[1:]):
-        raise ActionError(
-            f"{what} has shape {action.shape}, expected {shape}; the last three axes are K samples, {FUTURE} future "
-            "steps, and x and y in metres."
-        )

@@ -1,11 +1,14 @@
 """For tests of online evaluation: a tape of what was forecast and told, and what is the same of two runs."""
 
+import copy
 import functools
 import json
 
 import numpy as np
 
 import motion_gym
+from motion_gym.contract import Forecast
+from motion_gym.data.windows import pick_scenes
 
 
 class Tape:
@@ -47,6 +50,18 @@ def fitted_linear():
     """The linear predictor, fitted to a small crowd."""
     scenes = motion_gym.domain("orca:d=0.3,scenes=6").windows("train")
     return motion_gym.predictor("linear").fit([scenes], [scenes], 0)
+
+
+def scenes_of(clock):
+    """Each scene of a stream clock, complete, by the listed frame at which it was observed."""
+    clock, scenes = copy.copy(clock), {}
+    step = clock.reset()
+    while len(step.observation):
+        step = clock.step(Forecast(np.zeros((len(step.observation), 1, 12, 2), np.float32)))
+        for scene in range(step.settled.truth.observation.scenes if step.settled else 0):
+            truth = pick_scenes(step.settled.truth, [scene])
+            scenes[int(truth.observation.time[0])] = truth
+    return scenes
 
 
 def alike(card):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from motion_gym.benchmarks import benchmark_report, report, results, seed_tables
+from motion_gym.benchmarks import benchmark_report, results, score_tables, seed_tables
 from motion_gym.benchmarks import shipped as benchmarks
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -22,7 +22,8 @@ def block(heading, language):
 
 def test_table_is_made_from_the_result_files():
     shown = README.split("<!-- results: baselines -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
-    assert shown == report.markdown(results.read_folder(ROOT / "results" / "baselines"))
+    (table,) = score_tables.overview(results.read_folder(ROOT / "results" / "baselines"))
+    assert shown == table.markdown()
 
 
 @pytest.mark.parametrize("name", benchmarks.BENCHMARKS)
@@ -31,7 +32,8 @@ def test_tables_of_benchmarks_are_made_from_the_result_files(name):
     shown = README.split(f"<!-- results: {name} -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
     assert shown == benchmark_report.short(name, found, ROOT / "results" / name)
     tables = (ROOT / "results" / name / "tables.md").read_text()
-    assert all(seed_tables.markdown(part, results) in tables for part, results in found)
+    for part, runs in found:
+        assert all(table.markdown() in tables for table in seed_tables.part_tables(part, runs))
 
 
 def test_ten_lines_run_and_beat_constant_velocity():

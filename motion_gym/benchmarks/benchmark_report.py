@@ -1,107 +1,177 @@
-"""What a benchmark leaves besides its runs: tables and figures.
-
-The tables are made from the results. The choice on the sources and the figures of one scene are made anew.
-"""
+"""The page of a benchmark: its tables and figures, made from stored runs and studies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks import (
-    adaptation_report,
     figures,
-    online_report,
-    pretraining_report,
+    online_benchmark,
+    online_tables,
+    published_tables,
     seed_tables,
-    source_selection,
-    style_report,
+    studies,
+    study_tables,
 )
-from motion_gym.benchmarks.shipped import PLAIN, SAMPLES, Found, Part
-from motion_gym.contract import Domain
+from motion_gym.benchmarks.claims import NOWHERE, Claim, claims_table, compare, part_panels
+from motion_gym.benchmarks.shipped import PLAIN, Found
+from motion_gym.benchmarks.table import Table
 from motion_gym.data.storage import write_atomic
 
 DRAWN = ("erm_no_sigma", "erm", "counterfactual", "invariant", "vrex", "group_dro", "erm:sigma=relative")
 """Predictors of the figure of one scene."""
+OVER_D = "d in metres (trained with 0.1, 0.3 and 0.5)"
 
+TABLE_CLAIMS: Mapping[str, Sequence[Claim]] = {
+    "style": (
+        Claim(
+            "The invariance penalty alone gives no clear advantage", ["style_invariant"], ["style_erm"], where=NOWHERE
+        ),
+        Claim("A style lowers the error", ["modular"], ["style_erm"]),
+        Claim("An invariant encoder helps out of distribution", ["modular_invariant"], ["modular"]),
+        Claim("A style lowers the error, in each agent's own frame", ["ego_modular"], ["ego_erm"]),
+    ),
+    "crowd": (Claim("A style lowers the error of STGAT", ["modular_stgat"], ["erm_no_sigma"]),),
+    "transfer": (
+        Claim("Tuning f alone is better than tuning everything", ["transfer:parts=modulator"], ["transfer:parts=all"]),
+        Claim(
+            "Tuning f alone is better than tuning psi, f and g", ["transfer:parts=modulator"], ["transfer:parts=style"]
+        ),
+        Claim("Tuning f is better than reading the style alone", ["transfer:parts=modulator"], ["modular_invariant"]),
+        Claim("Refinement lowers the error after tuning f", ["refine:of=transfer"], ["transfer:parts=modulator"]),
+        Claim("Refinement lowers the error without tuning", ["refine"], ["modular_invariant"]),
+    ),
+    "refinement": (
+        Claim("Refinement by 3 steps lowers the error of modular_invariant", ["refine"], ["modular_invariant"]),
+        Claim("Refinement by 3 steps lowers the error of modular", ["refine:of=modular"], ["modular"]),
+    ),
+}
+"""Claims that stand in the tables of a benchmark."""
 
 Report = Callable[[int, int, str], None]
+Page = tuple[list[Table], list[Path]]
 
 
 def write(name: str, found: Found, folder: Path, report: Report = lambda done, of, what: None) -> list[Path]:
     """Write tables and figures of a benchmark into ``folder``; returns their paths."""
-    texts = [seed_tables.markdown(part, results) for part, results in found]
-    more, written = REPORTS[name](found, folder, report)
+    parts = [seed_tables.part_tables(part, results) for part, results in found]
+    further, written = PAGES[name](found, folder, report)
+    tables = [*(parts[0] if parts else []), *further, *(table for part in parts[1:] for table in part)]
     path = folder / "tables.md"
-    write_atomic(path, ("\n\n".join(texts[:1] + more + texts[1:]) + "\n").encode())
+    write_atomic(path, ("\n\n".join(table.markdown() for table in tables) + "\n").encode())
     return [path, *written]
 
 
-def _spurious(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
+def short(name: str, found: Found, folder: Path) -> str:
+    """The table for a README, after ``write``."""
+    if name == "original":
+        return published_tables.original(found).markdown(0)
+    if name == "pretraining":
+        return study_tables.pretraining(study(folder, "pretraining", dict)).markdown(0)
+    if name == "online":
+        _, streams = online_benchmark.read(folder)
+        sudden = {shift: online_rows(streams, shift, "sudden") for shift in online_benchmark.SHIFTS}
+        titles = {shift: shifts.title for shift, shifts in online_benchmark.SHIFTS.items()}
+        return online_tables.summary_table(titles, sudden).markdown(0)
+    return seed_tables.short_table(*found[0]).markdown(0)
+
+
+def study(folder: Path, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """A study that is stored in a folder of results, or computed and stored now."""
+    path = folder / "studies" / f"{name}.json"
+    if not path.exists():
+        write_atomic(path, json.dumps(compute()).encode())
+    return json.loads(path.read_text())  # type: ignore[no-any-return]
+
+
+def online_rows(streams: online_benchmark.Found, shift: str, kind: str) -> dict[str, list[dict[str, Any]]]:
+    """Results of the seeds by row of one stream."""
+    fixed = (online_tables.BASELINE, online_tables.NONE)
+    rows = (*fixed, *online_benchmark.SHIFTS[shift].rows, online_tables.ORACLE)
+    return {row: streams[shift, kind, row] for row in rows}
+
+
+def _claims(name: str, found: Found, heading: str) -> Table:
+    return claims_table(compare(TABLE_CLAIMS[name], part_panels(found)), heading)
+
+
+def _spurious(found: Found, folder: Path, report: Report) -> Page:
     part, results = found[0]
-    texts = [seed_tables.against_published(part, results)]
-    texts.append(source_selection.markdown(source_selection.left_out(PLAIN[2:], _first_domain(part))))
-    paths = [folder / "ade.svg", folder / f"jade_{SAMPLES}.svg", folder / "scene.svg"]
-    for metric, path in zip(("ADE", f"JADE_{SAMPLES}"), paths, strict=False):
+    place = next(iter(part.domains.values()))
+    choice = study(folder, "left_out", lambda: studies.left_out(PLAIN[2:], place))
+    scene = study(folder, "one_scene", lambda: studies.one_scene("eth", (1, 8, 64), DRAWN, part.weights))
+    paths = [folder / "ade.svg", folder / "jade_20.svg", folder / "scene.svg"]
+    for metric, path in zip(("ADE", "JADE_20"), paths, strict=False):
         figures.error_over(part, results, metric, path, "alpha (trained with 1 to 8)", log=True)
-    figures.one_scene(part, DRAWN, paths[2])
-    return texts, paths
+    figures.one_scene(scene, paths[2])
+    return [published_tables.spurious(found), study_tables.left_out(choice)], paths
 
 
-def _original(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
-    return [seed_tables.original_beside_published(found)], []
-
-
-def _style(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
+def _style(found: Found, folder: Path, report: Report) -> Page:
     part, results = found[0]
-    texts = [style_report.beside_published(found), style_report.claims(found, style_report.CLAIMS)]
-    path = folder / "ade.svg"
-    figures.error_over(part, results, "ADE", path, "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
-    curves = folder / "references.svg"
-    texts.append(style_report.by_references(part, curves))
-    return texts, [path, curves]
+    rows = [row for row in part.trained if hasattr(catalog.predictor(row), "observe")]
+    domains = {style: part.domains[style] for style in ("0.4", "0.6")}
+    curve = study(folder, "by_references", lambda: studies.by_references(rows, part.weights, domains))
+    paths = [folder / "ade.svg", folder / "references.svg"]
+    figures.error_over(part, results, "ADE", paths[0], OVER_D, log=False)
+    figures.by_references(curve, paths[1])
+    return [published_tables.style(found), _claims("style", found, "d"), study_tables.by_references(curve)], paths
 
 
-def _crowd(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
-    path = folder / "ade.svg"
-    figures.error_over(*found[0], "ADE", path, "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
-    return [style_report.claims(found, style_report.CROWD_CLAIMS)], [path]
+def _crowd(found: Found, folder: Path, report: Report) -> Page:
+    figures.error_over(*found[0], "ADE", folder / "ade.svg", OVER_D, log=False)
+    return [_claims("crowd", found, "d")], [folder / "ade.svg"]
 
 
-def _transfer(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
-    texts = [
-        style_report.claims(found, adaptation_report.TRANSFER_CLAIMS, "batches"),
-        adaptation_report.schedules(*found[-1]),
-    ]
-    paths = []
-    for (part, results), name in zip(found, ("honest", "paper"), strict=False):
-        paths.append(folder / f"{name}.svg")
-        figures.error_over(part, results, "ADE", paths[-1], "batches of 64 scenes of d = 0.6", log=False)
-    return texts, paths
+def _transfer(found: Found, folder: Path, report: Report) -> Page:
+    paths = [folder / "honest.svg", folder / "paper.svg"]
+    for (part, results), path in zip(found, paths, strict=False):
+        figures.error_over(part, results, "ADE", path, "batches of 64 scenes of d = 0.6", log=False)
+    return [_claims("transfer", found, "batches"), seed_tables.schedules(found)], paths
 
 
-def _refinement(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
+def _refinement(found: Found, folder: Path, report: Report) -> Page:
     part, results = found[0]
+    right, wrong = part.domains["0.6"], part.domains["0.1"]
+    scene = study(folder, "two_agents", lambda: studies.two_agents("modular_invariant", part.weights, right, wrong))
     paths = [folder / "ade.svg", folder / "two_agents.svg"]
-    figures.error_over(part, results, "ADE", paths[0], "d in metres (trained with 0.1, 0.3 and 0.5)", log=False)
-    adaptation_report.two_agents(part, paths[1])
-    return [style_report.claims(found, adaptation_report.REFINEMENT_CLAIMS)], paths
+    figures.error_over(part, results, "ADE", paths[0], OVER_D, log=False)
+    figures.two_agents(scene, paths[1])
+    return [_claims("refinement", found, "d")], paths
 
 
-def _pretraining(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
-    text, paths = pretraining_report.write(folder, report)
-    return [text], paths
+def _pretraining(found: Found, folder: Path, report: Report) -> Page:
+    train = catalog.load_class("motion_gym.predictors.training.pretraining:curves", "training")
+    curves = study(folder, "pretraining", lambda: train(report))
+    figures.pretraining(curves, folder / "curves.svg")
+    return [study_tables.pretraining(curves)], [folder / "curves.svg"]
 
 
-def _online(found: Found, folder: Path, report: Report) -> tuple[list[str], list[Path]]:
-    text, paths = online_report.write(folder, report)
-    return [text], paths
+def _online(found: Found, folder: Path, report: Report) -> Page:
+    tried, streams = online_benchmark.run(folder, report)
+    tables, paths = [], []
+    for name, shifts in online_benchmark.SHIFTS.items():
+        settings = {
+            row: spec for row, spec in online_benchmark.chosen(tried[name]).items() if row != online_tables.NONE
+        }
+        where = " then ".join(shifts.chosen_on["domains"])
+        tables.append(online_tables.choice_table(where, shifts.chosen_with, tried[name]))
+        panels = {kind: online_rows(streams, name, kind) for kind in shifts.streams}
+        for kind, rows in panels.items():
+            tables.append(online_tables.stream_table(f"{shifts.title}: {kind}", rows, settings))
+        tables.append(online_tables.milestones_table(f"{shifts.title}: after the sudden shift", panels["sudden"]))
+        paths.append(folder / f"{name}.svg")
+        figures.over_time(panels, paths[-1], shifts.title)
+    return tables, paths
 
 
-REPORTS: dict[str, Callable[[Found, Path, Report], tuple[list[str], list[Path]]]] = {
+PAGES: dict[str, Callable[[Found, Path, Report], Page]] = {
     "spurious": _spurious,
-    "original": _original,
+    "original": lambda found, folder, report: ([published_tables.original(found)], []),
     "style": _style,
     "crowd": _crowd,
     "transfer": _transfer,
@@ -109,21 +179,4 @@ REPORTS: dict[str, Callable[[Found, Path, Report], tuple[list[str], list[Path]]]
     "pretraining": _pretraining,
     "online": _online,
 }
-"""What each benchmark has besides the tables of its parts: further tables, after the first one, and figures."""
-
-
-SHORT: dict[str, Callable[[Found, Path], str]] = {
-    "original": lambda found, folder: seed_tables.original_beside_published(found),
-    "pretraining": lambda found, folder: (folder / "tables.md").read_text().strip(),
-    "online": lambda found, folder: online_report.short(folder),
-}
-"""The table for a README where it is not that of the first part."""
-
-
-def _first_domain(part: Part) -> Domain:
-    return catalog.domain(next(iter(part.domains.values())))
-
-
-def short(name: str, found: Found, folder: Path) -> str:
-    """The table for a README, after ``write``."""
-    return SHORT[name](found, folder) if name in SHORT else seed_tables.short(*found[0])
+"""Tables after the first one, and figures, of each benchmark."""

@@ -1,94 +1,78 @@
-"""Figures of the benchmarks."""
+"""Figures of the benchmarks, drawn from stored results and studies."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from motion_gym import catalog
+from motion_gym.benchmarks.conditions import Result, measured, unit_of
 from motion_gym.benchmarks.seed_tables import over_seeds
-from motion_gym.benchmarks.shipped import Part
-from motion_gym.contract import FUTURE, SpecError, Truth
 from motion_gym.data.storage import write_atomic
-from motion_gym.data.windows import pick_scenes
-from motion_gym.stepping.harness import ask, ready
+
+if TYPE_CHECKING:
+    from motion_gym.benchmarks.objects import Part
 
 MARKED = 0.1
 """Share of a stream from which on the beginning of a segment is marked."""
-SCENE_ALPHAS = (1, 8, 64)
-"""Alphas of the figure of one scene."""
+
+Study = Mapping[str, Any]
+Lines = Mapping[str, Mapping[float, Any]]
+"""Values of the seeds, by row and place on the x axis."""
 
 
-def error_over(
-    part: Part, results: Sequence[Mapping[str, Any]], metric: str, path: Path, label: str, log: bool
-) -> None:
+def error_over(part: Part, results: Sequence[Result], metric: str, path: Path, label: str, log: bool) -> None:
     """Mean error over seeds by a parameter of the domains, with a band of one standard deviation.
 
     Args:
         part: A part whose domains are named by the value of the parameter.
-        results: Of its runs.
+        results: Results of its runs.
         metric: Name of the metric.
         path: Where the SVG goes.
-        label: The parameter, and what it was in training.
-        log: Whether its axis is logarithmic.
+        label: The parameter, and its values in training.
+        log: Whether the axis of the parameter is logarithmic.
     """
+    measured(results)  # refuses to mix units or versions
     values = over_seeds(part, results, metric)
-    places = {name: float(name) for name in part.domains}
-    lines = {row: {places[name]: values[row, name] for name in places} for row in dict.fromkeys(r for r, _ in values)}
-    curves(lines, path, label, f"{metric}, metres", part.title, "log" if log else "linear")
-
-
-def curves(
-    lines: Mapping[str, Mapping[float, np.ndarray]],
-    path: Path,
-    x_label: str,
-    y_label: str,
-    title: str,
-    scale: str,
-    ticks: Sequence[float] | None = None,
-) -> None:
-    """A line for each row through the means over seeds, with a band of one standard deviation.
-
-    Args:
-        lines: Values of the seeds, by row and place on the x axis.
-        path: Where the SVG goes.
-        x_label: Of the x axis.
-        y_label: Of the y axis.
-        title: Above the figure.
-        scale: Of the x axis: ``linear``, ``log``, or ``symlog``, which has a place for 0.
-        ticks: Of the x axis; by default all places.
-    """
-    figure = Figure(figsize=(8, 4.8), layout="constrained")
-    axes = figure.subplots()
-    colors = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
-    for color, (row, points) in zip(colors, lines.items(), strict=False):
-        places, columns = list(points), list(points.values())
-        mean, spread = (
-            np.array([c.mean() for c in columns]),
-            np.array([c.std(ddof=1) if len(c) > 1 else 0 for c in columns]),
-        )
-        style = "--" if len(columns[0]) == 1 else "o-" if len(places) < 20 else "-"
-        axes.plot(places, mean, style, color=color, label=row, markersize=4, linewidth=1.4)
-        axes.fill_between(places, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
-    if scale != "linear":
-        axes.set_xscale(scale, base=2)
-    ticks = ticks or sorted({place for points in lines.values() for place in points})
-    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.set_xlabel(x_label)
-    axes.set_ylabel(y_label)
-    axes.set_title(title, fontsize=10)
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    rows = dict.fromkeys(row for row, _ in values)
+    lines = {row: {float(n): values[row, n] for n in part.domains if (row, n) in values} for row in rows}
+    figure, (axes,) = _figure(1)
+    y_label = f"{metric}, {unit_of(results)}"
+    _draw_lines(axes, lines, x_label=label, y_label=y_label, title=part.title, scale="log" if log else "linear")
     _write(figure, path)
 
 
-def over_time(panels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]], path: Path, title: str) -> None:
+def by_references(study: Study, path: Path) -> None:
+    """The error by the number of reference scenes; see ``studies.by_references``."""
+    lines = {
+        f"{row}, d = {name}": dict(zip(map(float, study["counts"]), by_count, strict=True))
+        for name, by_row in study["ade"].items()
+        for row, by_count in by_row.items()
+    }
+    figure, (axes,) = _figure(1)
+    title, y_label = "The style is read from reference scenes", f"ADE, {study['unit']}"
+    _draw_lines(axes, lines, x_label="reference scenes", y_label=y_label, title=title, scale="symlog")
+    _write(figure, path)
+
+
+def pretraining(study: Study, path: Path) -> None:
+    """Errors over the epochs of the last stage, a panel for each domain; see ``pretraining.curves``."""
+    figure, panels = _figure(len(study["ade"]))
+    for axes, (domain, variants) in zip(panels, study["ade"].items(), strict=True):
+        lines = {name: {float(n): v for n, v in enumerate(values, 1)} for name, values in variants.items()}
+        label = "epoch of the last stage"
+        _draw_lines(axes, lines, x_label=label, y_label=f"ADE, {study['unit']}", title=domain, scale="log")
+        ticks = [1, 3, 10, 30, 100]
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    _write(figure, path)
+
+
+def over_time(panels: Mapping[str, Mapping[str, Sequence[Result]]], path: Path, title: str) -> None:
     """Trailing means over the time of streams, a panel for each kind, the mean over seeds.
 
     Args:
@@ -96,10 +80,11 @@ def over_time(panels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]], p
         path: Where the SVG goes.
         title: Above the figure.
     """
-    figure = Figure(figsize=(9, 3.2 * len(panels)), layout="constrained")
-    colors = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
-    for axes, (kind, rows) in zip(figure.subplots(len(panels), squeeze=False)[:, 0], panels.items(), strict=True):
-        for color, (row, results) in zip(colors, rows.items(), strict=False):
+    everything = [result for rows in panels.values() for results in rows.values() for result in results]
+    measured(everything)
+    figure, all_axes = _figure(len(panels), 9, 3.2)
+    for axes, (kind, rows) in zip(all_axes, panels.items(), strict=True):
+        for color, (row, results) in zip(_colors("tab20"), rows.items(), strict=False):
             curves = [np.array(r["curve"]) for r in results]
             first, last = max(c[0, 0] for c in curves), min(c[-1, 0] for c in curves)
             at = np.linspace(first, last, 200)
@@ -110,100 +95,87 @@ def over_time(panels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]], p
                 axes.axvline(segment["start"], color="0.7", linewidth=0.8)
                 place = (segment["start"], 0.97)
                 axes.annotate(segment["domain"], place, xycoords=("data", "axes fraction"), fontsize=7, va="top")
-        axes.set(xlabel="seconds", ylabel="ADE over the last 50 forecasts, m", title=f"{title}: {kind}")
+        y_label = f"ADE over the last 50 forecasts, {unit_of(everything)}"
+        axes.set(xlabel="seconds", ylabel=y_label, title=f"{title}: {kind}")
         axes.title.set_fontsize(9)
         axes.grid(alpha=0.3)
         axes.set_ylim(0, None)
-    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    all_axes[-1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     _write(figure, path)
 
 
-def one_scene(part: Part, rows: Sequence[str], path: Path) -> None:
-    """One scene forecast by several predictors, a panel for each alpha.
+def one_scene(study: Study, path: Path) -> None:
+    """One scene forecast by several predictors, a panel for each alpha; see ``studies.one_scene``."""
+    rows = list(next(iter(study["panels"].values())))
+    _scene_panels(study, path, dict(zip(rows, _colors("tab10"), strict=False)))
 
-    The scene is that of three to six agents who leave their straight way most (the largest final error of constant
-    velocity), so that there is something to see.
 
-    Args:
-        part: A part whose domains are named by their alpha.
-        rows: Predictors.
-        path: Where the SVG goes.
+def two_agents(study: Study, path: Path) -> None:
+    """Forecasts of one scene as they are refined, a panel for each style; see ``studies.two_agents``."""
+    steps = list(next(iter(study["panels"].values())))
+    shades = matplotlib.colormaps["viridis"](np.linspace(0, 1, len(steps)))
+    _scene_panels(study, path, dict(zip(steps, shades, strict=True)))
+
+
+def _scene_panels(study: Study, path: Path, colors: Mapping[str, Any]) -> None:
+    """A scene in several panels, in each with forecasts of its own, a colour for each name."""
+    history, future = np.array(study["history"]), np.array(study["future"])
+    width, height = np.ptp(np.concatenate([history, future], axis=1).reshape(-1, 2), axis=0)
+    across = len(study["panels"]) if height > width else 1
+    figure = Figure(figsize=(10, 5 if across > 1 else 2.7 * len(study["panels"])), layout="constrained")
+    panels = figure.subplots(len(study["panels"]) // across, across, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes, (title, forecasts) in zip(panels, study["panels"].items(), strict=True):
+        _draw_agents(axes, history, "observed", color="0.6", linewidth=2)
+        _draw_agents(
+            axes, np.concatenate([history[:, -1:], future], axis=1), "ground truth", color="black", linewidth=2
+        )
+        for name, positions in forecasts.items():
+            lines = np.concatenate([history[:, -1:], np.array(positions)], axis=1)
+            _draw_agents(axes, lines, name, color=colors[name], linewidth=1)
+        axes.set_title(title, fontsize=10)
+        axes.set_aspect("equal", adjustable="box")
+        axes.set(xlabel=f"x, {study['unit']}", ylabel=f"y, {study['unit']}")
+        axes.label_outer()
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, fontsize=7, loc="outside lower center", ncols=8, frameon=False)
+    _write(figure, path)
+
+
+def _draw_agents(axes: Any, lines: np.ndarray, label: str, **style: Any) -> None:
+    """A line for each agent, the first one with the label."""
+    for agent, line in enumerate(lines):
+        axes.plot(*line.T, "-", label=None if agent else label, **style)
+
+
+def _draw_lines(axes: Any, lines: Lines, *, x_label: str, y_label: str, title: str, scale: str) -> None:
+    """A line for each row through the means over seeds, with a band of one standard deviation.
+
+    ``scale`` is that of the x axis: ``linear``, ``log``, or ``symlog``, which has a place for 0.
     """
-    truth = catalog.domain(next(iter(part.domains.values()))).windows("test")
-    number = _scene_of_turns(truth)
-    width, height = np.ptp(pick_scenes(truth, [number]).future.reshape(-1, 2), axis=0)
-    wide = len(SCENE_ALPHAS) if height > width else 1
-    figure = Figure(figsize=(10, 8 if wide == 1 else 5), layout="constrained")
-    panels = figure.subplots(len(SCENE_ALPHAS) // wide, wide, sharex=True, sharey=True)
-    colors = matplotlib.colormaps["tab10"].colors  # type: ignore[attr-defined]
-    for axes, alpha in zip(panels, SCENE_ALPHAS, strict=True):
-        place = catalog.domain(part.domains[str(alpha)])
-        scene = pick_scenes(place.windows("test"), [number])
-        _draw(axes, scene, f"alpha = {alpha}")
-        for color, row in zip(colors, rows, strict=False):
-            name, parameters = catalog.parse_spec(row)
-            weights = {"weights": part.weights} if row in part.trained else {}
-            made = ready(catalog.format_spec(name, {**parameters, **weights}), place)
-            forecast = ask(made, scene.observation).most_likely()
-            _draw_forecast(axes, scene, forecast, color, row)
-    figure.legend(
-        *panels[0].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=6, frameon=False
-    )
-    _write(figure, path)
-
-
-def two_agents(panels: Mapping[str, Mapping[int, np.ndarray]], scene: Truth, path: Path) -> None:
-    """Forecasts of one scene as they are refined step by step, a panel for each style that they are refined towards.
-
-    Args:
-        panels: Positions [agents, 12, 2] by number of steps, by the heading of the panel.
-        scene: The scene.
-        path: Where the SVG goes.
-    """
-    width, height = np.ptp(np.concatenate([scene.observation.xy, scene.future], axis=1).reshape(-1, 2), axis=0)
-    wide = len(panels) if height > width else 1
-    figure = Figure(figsize=(8, 5), layout="constrained")
-    each = figure.subplots(len(panels) // wide, wide, sharex=True, sharey=True)
-    colors = matplotlib.colormaps["viridis"]
-    for axes, (title, forecasts) in zip(each, panels.items(), strict=True):
-        _draw(axes, scene, title)
-        for number, (steps, forecast) in enumerate(forecasts.items()):
-            _draw_forecast(axes, scene, forecast, colors(number / max(len(forecasts) - 1, 1)), f"{steps} steps")
-    figure.legend(*each[0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=8, frameon=False)
-    _write(figure, path)
-
-
-def _draw(axes: Any, scene: Truth, title: str) -> None:
-    for person, (past, then) in enumerate(zip(scene.observation.xy, scene.future, strict=True)):
-        label = ("observed", "truth") if not person else (None, None)
-        axes.plot(*past.T, "-", color="0.6", linewidth=2, label=label[0])
-        axes.plot(*np.vstack([past[-1:], then]).T, "-", color="black", linewidth=2, label=label[1])
+    for color, (row, points) in zip(_colors("tab20"), lines.items(), strict=False):
+        places, columns = list(points), [np.asarray(column) for column in points.values()]
+        mean = np.array([column.mean() for column in columns])
+        deviation = np.array([column.std(ddof=1) if len(column) > 1 else 0.0 for column in columns])
+        style = "--" if len(columns[0]) == 1 else "o-" if len(places) < 20 else "-"
+        axes.plot(places, mean, style, color=color, label=row, markersize=4, linewidth=1.4)
+        axes.fill_between(places, mean - deviation, mean + deviation, color=color, alpha=0.15, linewidth=0)
+    if scale != "linear":
+        axes.set_xscale(scale, base=2)
+    ticks = sorted({place for points in lines.values() for place in points})
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set(xlabel=x_label, ylabel=y_label)
     axes.set_title(title, fontsize=10)
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("x, metres")
-    axes.set_ylabel("y, metres")
-    axes.label_outer()
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
 
 
-def _draw_forecast(axes: Any, scene: Truth, forecast: np.ndarray, color: Any, label: str) -> None:
-    for person, (past, then) in enumerate(zip(scene.observation.xy, forecast, strict=True)):
-        line = np.vstack([past[-1:], then])
-        axes.plot(*line.T, "-", color=color, linewidth=1, label=None if person else label)
+def _figure(panels: int, width: float = 8, height: float = 4.8) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(width, height * panels), layout="constrained")
+    return figure, figure.subplots(panels, squeeze=False)[:, 0]
 
 
-def _scene_of_turns(truth: Any) -> int:
-    sizes = np.diff(truth.observation.scene)
-    path = np.concatenate([truth.observation.xy[:, -2:], truth.future], axis=1)
-    steps = np.diff(path, axis=1)
-    straight = truth.observation.xy[:, -1] + FUTURE * steps[:, 0]
-    off = np.linalg.norm(truth.future[:, -1] - straight, axis=-1)
-    turned = np.array(
-        [off[a:b].mean() for a, b in zip(truth.observation.scene[:-1], truth.observation.scene[1:], strict=True)]
-    )
-    fit = (sizes >= 3) & (sizes <= 6)
-    if not fit.any():
-        raise SpecError("No scene of three to six agents to draw.")
-    return int(np.where(fit, turned, -1).argmax())
+def _colors(name: str) -> Sequence[Any]:
+    return matplotlib.colormaps[name].colors  # type: ignore[attr-defined, no-any-return]
 
 
 def _write(figure: Figure, path: Path) -> None:

@@ -146,7 +146,7 @@ def run_checks(
     first, needed = {
         "predictor": ("predict", ("predict",)),
         "adapter": ("adapter", ADAPTER_METHODS),
-        "domain": ("members", ("card", "recordings")),
+        "domain": ("members", ()),
     }[kind]
     missing = [name for name in needed if not isinstance(thing, str) and not hasattr(thing, name)]
     if missing:
@@ -158,7 +158,12 @@ def run_checks(
     elif kind == "adapter":
         outcomes = _adapter_outcomes(thing, of, place, skip, only)
     else:
-        trial = DomainTrial(catalog.domain(thing))
+        try:
+            trial = DomainTrial(catalog.domain(thing))
+        except SpecError as error:
+            if isinstance(thing, str):
+                raise
+            return CheckReport(_title(thing), kind, (Outcome(first, "broken", str(error)),))
         outcomes = run_rules({"members": DOMAIN_RULES["members"]}, trial, skip, only)
         if not any(outcome.status == "broken" for outcome in outcomes):
             others = {name: rule for name, rule in DOMAIN_RULES.items() if name != "members"}

@@ -6,18 +6,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich import box
 from rich.markup import escape
-from rich.table import Table
 
 from motion_gym import catalog
-from motion_gym.benchmarks import online_report, online_results
+from motion_gym.benchmarks import online_results
 from motion_gym.benchmarks.online_benchmark import BASELINE, NONE, ORACLE
-from motion_gym.benchmarks.report import number
+from motion_gym.benchmarks.online_tables import stream_table
 from motion_gym.cli.output import console, progress_bar, say
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.online.evaluation import check_options
-from motion_gym.online.streams import Stream, stream
+from motion_gym.online.streams import stream
 from motion_gym.online.target_oracle import TargetOracle
 from motion_gym.stepping.harness import ready
 
@@ -88,41 +86,8 @@ def adapt(
                     raise  # every table needs them
                 failures.append(f"{row}: {error}")
             progress.remove_task(task)
-    _print(found, played)
+    console.print(stream_table(next(iter(found.values()))[0]["stream"], found))
     if failures:
         raise PredictorError("\n".join(failures))
     if out is not None:
         say(f"Results are in {out}.")
-
-
-def _print(found: dict[str, list[dict[str, Any]]], played: Stream) -> None:
-    names = list(dict.fromkeys(played.labels))
-    console.print(f"[bold]{escape(next(iter(found.values()))[0]['stream'])}", highlight=False)
-    first = Table(header_style="bold", box=box.SIMPLE_HEAD)
-    for place, name in enumerate(("method", "ADE [95 %]", *(f"on {name}" for name in names))):
-        first.add_column(escape(name), justify="right" if place else "left", overflow="fold")
-    for row, (result,) in found.items():
-        ade = result["ade"]
-        means = [online_report.on_domain(result, name) for name in names]
-        cells = [f"{number(ade['mean'])} [{number(ade['low'])}, {number(ade['high'])}]", *means]
-        first.add_row(escape(row), *cells)
-    console.print(first)
-    by_row = {row: online_report.cells_of(results, found[NONE], found.get(ORACLE)) for row, results in found.items()}
-    second = Table(header_style="bold", box=box.SIMPLE_HEAD)
-    second.add_column("method", no_wrap=True)
-    told = [
-        n for n, c in enumerate(online_report.COLUMNS[1:]) if c != "ADE" and any(r[n] != "-" for r in by_row.values())
-    ]
-    for n in told:
-        head = online_report.COLUMNS[1 + n]
-        second.add_column(head, justify="right", overflow="fold", min_width=max(map(len, head.split())))
-    for row, values in by_row.items():
-        second.add_row(escape(row), *(escape(values[n]) for n in told))
-    console.print(second)
-    everything = [r for results in found.values() for r in results]
-    shown = {online_report.COLUMNS[1 + n] for n in told}
-    legend = [*online_report.notes(everything), *(t for t in online_report.LEGEND if t.partition(":")[0] in shown)]
-    if len(played.segments) > 1 and ORACLE not in found:
-        legend.append("no oracle was named, so that there is no gain: --oracle PREDICTOR, trained on these domains")
-    for line in legend:
-        console.print(escape(line), style="dim", highlight=False)

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from motion_gym import catalog
-from motion_gym.benchmarks import report, results
+from motion_gym.benchmarks import marked_block, results, score_tables
+from motion_gym.benchmarks.table import Table
 from motion_gym.cli import adapt as cli_online
 from motion_gym.cli import training as cli_training
 from motion_gym.cli.draw import draw
@@ -117,11 +117,11 @@ def table(
         into: File with the lines `<!-- results: NAME -->` and `<!-- results end -->`; what is between is replaced.
         name: NAME of these lines.
     """
-    text = report.markdown(results.read_folder(folder))
+    text = "\n\n".join(table.markdown() for table in score_tables.overview(results.read_folder(folder)))
     if into is None:
         print(text)
     else:
-        changed = report.insert(into, name, text)
+        changed = marked_block.insert(into, name, text)
         say(f"{into}: {'written' if changed else 'already up to date'}")
 
 
@@ -308,7 +308,7 @@ def _variants(place: Domain, protocol: str) -> list[Domain]:
 
 
 def _score(jobs: Sequence[tuple[Domain, Sequence[str]]], out: Path | None, **options: Any) -> None:
-    done: list[report.Result] = []
+    done: list[dict[str, Any]] = []
     failures: dict[str, list[str]] = {}
     with progress_bar() as progress:
         task = progress.add_task("", total=sum(len(names) for _, names in jobs))
@@ -324,10 +324,11 @@ def _score(jobs: Sequence[tuple[Domain, Sequence[str]]], out: Path | None, **opt
                 progress.advance(task)
             progress.stop()
             if rows:
-                report.print_table(console, rows)
+                console.print(score_tables.domain_table(rows))
             done += rows
     if done:
-        report.print_conditions(console, done)
+        for line in score_tables.conditions(done):
+            console.print(escape(line), style="dim", highlight=False)
     if failures:
         raise PredictorError("\n".join(f"{message} (on {', '.join(on)})" for message, on in failures.items()))
     if out is not None:
@@ -370,13 +371,7 @@ def _between(predictors: Sequence[str], place: Domain) -> list[str]:
 
 
 def _list(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    shown = Table(title=f"[bold]{title}", title_justify="left", header_style="bold", box=None, padding=(0, 2, 0, 0))
-    for name in header:
-        shown.add_column(name)
-    for row in rows:
-        shown.add_row(*(escape(cell) for cell in row))
-    console.print(shown)
-    console.print()
+    console.print(Table(title, header, rows))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import tyro
 from rich.markup import escape
 
 from motion_gym import catalog
-from motion_gym.benchmarks import report
+from motion_gym.benchmarks import marked_block
 from motion_gym.benchmarks import shipped as benchmarks
 from motion_gym.cli.output import progress_bar, say
 from motion_gym.contract import SpecError
@@ -106,7 +106,7 @@ def run(
 
     folder = out / benchmark
     if into is not None:
-        report.check_markers(into, benchmark)
+        marked_block.check_markers(into, benchmark)
     with progress_bar() as progress:
         task = progress.add_task(benchmark, total=None)
 
@@ -118,7 +118,7 @@ def run(
     table = benchmark_report.short(benchmark, found, folder)
     say(table)
     if into is not None:
-        changed = report.insert(into, benchmark, table)
+        changed = marked_block.insert(into, benchmark, table)
         say(f"{into}: {'written' if changed else 'already up to date'}")
     for path in written:
         say(f"Written: {path}")

@@ -42,6 +42,7 @@ class Summary:
         agent_windows: Values behind the mean.
         scenes: Scenes that they come from.
         agents: Distinct agents that they come from.
+        replicates: Bootstrap replicates behind the interval.
     """
 
     mean: float
@@ -50,6 +51,7 @@ class Summary:
     agent_windows: int
     scenes: int
     agents: int
+    replicates: int
 
 
 @dataclass(frozen=True)
@@ -215,12 +217,13 @@ def summarise(
     table = np.stack([np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in scores.values()], axis=2)
     interval = interval_over_draws(table, observation.agent, level, replicates, seed)
     scene_index, (_, agent) = observation.scene_index, np.unique(observation.agent, return_inverse=True)
+    replicates = replicates or replicates_for(len(np.unique(observation.agent)))
     summaries = {}
     for column, name in enumerate(scores):
         there = ~np.isnan(table[..., column]).all(axis=0)
         mean, low, high = (float(part[column]) for part in interval)
         scenes, agents = (int(np.count_nonzero(np.bincount(index[there]))) for index in (scene_index, agent))
-        summaries[name] = Summary(mean, low, high, int(there.sum()), scenes, agents)
+        summaries[name] = Summary(mean, low, high, int(there.sum()), scenes, agents, replicates)
     return summaries
 
 

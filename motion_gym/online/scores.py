@@ -5,19 +5,23 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from motion_gym.metrics.bootstrap import Summary, clustered_interval
+from motion_gym.metrics.bootstrap import Summary, clustered_interval, replicates_for
 from motion_gym.scoring.cards import in_json
 
 TRAIL = 50
 """Matured forecasts of a trailing mean."""
 EVERY = 10
 """Matured forecasts from one point after a shift to the next."""
+BLOCK = 100
+"""Matured forecasts of a block, by which recovery from a shift is judged."""
+PHASE = 600
+"""Matured forecasts that a phase must hold for recovery to be judged in it."""
 WITHIN = 1.1
-"""A shift is recovered from when the trailing mean is at most this many times the error that is to be reached."""
+"""A block is recovered when its error is at most this many times that of the oracle's block of the same time."""
 POINTS = 200
 """Most points of a curve."""
 
@@ -55,12 +59,22 @@ class Shift:
         before: ADE over the segment before, metres.
         after: Rows of: matured forecasts since the shift, seconds since the shift until the last of them matured, and
             ADE over the last 50 of them, metres.
+        blocks: The same for consecutive blocks of 100: matured forecasts and seconds until the end of the block, and
+            ADE over the block. Forecasts after the last whole block are left out.
     """
 
     segment: int
     at: float
     before: float
     after: list[tuple[int, float, float]]
+    blocks: list[tuple[int, float, float]]
+
+
+class Recovery(NamedTuple):
+    """When a predictor recovered from a shift for good: matured forecasts and seconds after the shift."""
+
+    forecasts: int
+    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +168,8 @@ class OnlineCard:
 def summary_of(values: np.ndarray, person: np.ndarray, made: np.ndarray) -> Summary:
     """Mean of matured forecasts with its interval and counts."""
     mean, low, high = clustered_interval(values, person)
-    return Summary(mean, low, high, len(values), len(np.unique(made)), len(np.unique(person)))
+    people = len(np.unique(person))
+    return Summary(mean, low, high, len(values), len(np.unique(made)), people, replicates_for(people))
 
 
 def trailing(values: np.ndarray, width: int = TRAIL) -> np.ndarray:
@@ -184,19 +199,25 @@ def shifts_of(
         labels: Domain of each segment.
         starts: Seconds at which each segment begins.
     """
-    found = []
+    shifts = []
     for number in range(1, len(labels)):
         own = np.flatnonzero(segment == number)
         before = values[segment == number - 1]
         if labels[number] == labels[number - 1] or len(own) < TRAIL or not len(before):
             continue
-        mean = trailing(values[own])
-        rows = [
-            (n, round(float(seconds[own[n - 1]] - starts[number]), 2), round(float(mean[n - 1]), 4))
-            for n in range(TRAIL, len(own) + 1, EVERY)
-        ]
-        found.append(Shift(number, float(starts[number]), float(before.mean()), rows))
-    return found
+        since, start = seconds[own] - starts[number], float(starts[number])
+        after = _means_before(values[own], since, range(TRAIL, len(own) + 1, EVERY), TRAIL)
+        blocks = _means_before(values[own], since, range(BLOCK, len(own) + 1, BLOCK), BLOCK)
+        shifts.append(Shift(number, start, float(before.mean()), after, blocks))
+    return shifts
+
+
+def _means_before(
+    values: np.ndarray, seconds: np.ndarray, counts: Sequence[int], width: int
+) -> list[tuple[int, float, float]]:
+    """Rows of a count n, the time of the n-th value, and the mean of the ``width`` values up to it."""
+    mean = trailing(values, width)
+    return [(n, round(float(seconds[n - 1]), 2), round(float(mean[n - 1]), 4)) for n in counts]
 
 
 def returns_of(visits: Sequence[tuple[str, float | None, int]]) -> list[tuple[str, float, float]]:
@@ -216,15 +237,28 @@ def returns_of(visits: Sequence[tuple[str, float | None, int]]) -> list[tuple[st
     return found
 
 
-def recovery(shift: Mapping[str, Any], levels: Sequence[float]) -> tuple[int, float] | None:
-    """Matured forecasts and seconds from a shift until the trailing mean is within 10 % of a level; None if never.
+def recovery(shift: Mapping[str, Any], oracle: Mapping[str, Any]) -> Recovery | None:
+    """When a predictor is within 10 % of the oracle in every later block of the phase; None if it is censored.
+
+    A low first block counts for nothing if a later block is high again: the recovery must last until the phase ends.
 
     Args:
         shift: A shift of a result, as ``as_dict`` gives it.
-        levels: Error, metres, that is to be reached at each of its rows, as the trailing mean of an oracle.
+        oracle: The same shift in the result of the oracle on the same stream.
+
+    Returns:
+        Matured forecasts and seconds from the shift to the beginning of the first block from which on all blocks are
+        recovered: 0 if all blocks are. None (censored) if the last block is not recovered, or if fewer than 600
+        forecasts matured in the phase.
     """
-    rows = zip(shift["after"], levels, strict=False)
-    return next(((int(n), float(s)) for (n, s, ade), level in rows if ade <= WITHIN * level), None)
+    blocks = list(zip(shift["blocks"], oracle["blocks"], strict=True))
+    if len(blocks) * BLOCK < PHASE:
+        return None
+    above = [number for number, ((*_, ade), (*_, level)) in enumerate(blocks) if ade > WITHIN * level]
+    if not above:
+        return Recovery(0, 0.0)
+    forecasts, seconds, _ = blocks[above[-1]][0]
+    return None if above[-1] == len(blocks) - 1 else Recovery(int(forecasts), float(seconds))
 
 
 def after_first(result: Mapping[str, Any]) -> float:

@@ -12,7 +12,7 @@ from motion_gym import catalog
 from motion_gym.contract import WINDOW, Domain, Recording, SpecError
 from motion_gym.data.domains import spec_of
 from motion_gym.data.windows import positions_only
-from motion_gym.stepping.clocks import StreamClock
+from motion_gym.stepping.stream_clock import StreamClock
 
 KINDS = {
     "sudden": "one domain after the other, each once",

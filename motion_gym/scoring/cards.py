@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 import sys
 from collections.abc import Mapping, Sequence
@@ -10,21 +11,60 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.contract import Card
+from motion_gym.contract import Domain, MotionGymError
+from motion_gym.data.domains import spec_of
+from motion_gym.data.overlap import trained_on_scored
 
 
-def declared_leaks(card: Card, leaking: bool, selected: bool, trained_on: Sequence[str], kind: type) -> tuple[str, ...]:
-    """What reads the future on purpose, as sentences."""
+def declared_leaks(
+    domain: Domain, predictor: Any, split: str = "test", *, leaking: bool = False, selected: bool = False
+) -> tuple[str, ...]:
+    """What reads the future on purpose, as sentences.
+
+    Args:
+        domain: The domain that is scored.
+        predictor: Its ``trained_on`` and ``chosen_on`` name the domains whose windows its weights were trained on, and
+            its settings were chosen on.
+        split: The split that is scored.
+        leaking: Whether the style is read from the scored scenes.
+        selected: Whether the predictor was tuned on validation scenes of the domain.
+    """
     leaks = []
-    if card.name in (catalog.parse_spec(spec)[0] for spec in trained_on) and getattr(kind, "tests_on_train", False):
-        leaks.append(f"the weights were trained on windows of {card.name} that are scored here")
-    if card.side_channels:
-        leaks.append(f"oracle side channel: {', '.join(card.side_channels)} reads the future")
+    for attribute, did in (("trained_on", "weights were trained"), ("chosen_on", "settings were chosen")):
+        for name in _domains_of_same_people(getattr(predictor, attribute, ()), domain, split):
+            leaks.append(f"the {did} on windows of {name} that are scored here")
+    if domain.card.side_channels:
+        leaks.append(f"oracle side channel: {', '.join(domain.card.side_channels)} reads the future")
     if selected:
         leaks.append("leak of the paper protocol: tuned as long as is best on validation scenes of the domain")
     if leaking:
         leaks.append("leak of the paper protocol: the style is read from the scored scenes' own future")
     return tuple(leaks)
+
+
+def is_shipped(thing: Any) -> bool:
+    """Whether a domain or predictor is one of the catalog, and whatever predictor it is put around too."""
+    inner = [value for value in getattr(thing, "__dict__", {}).values() if callable(getattr(value, "predict", None))]
+    return type(thing).__module__.startswith("motion_gym.") and all(map(is_shipped, inner))
+
+
+def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) -> list[str]:
+    """Names of those domains whose training windows show people of a split of ``domain`` at the same time."""
+    if not names:
+        return []
+    sources = [domain, *(domain.sources() if hasattr(domain, "sources") else [])]
+    own = {spec_of(source): source for source in sources}
+    found = []
+    for name in names:
+        source = own.get(name)
+        if source is None:
+            with contextlib.suppress(MotionGymError):  # a domain that is not known here
+                source = catalog.domain(name)
+        if source is None or (source.world != domain.world and is_shipped(source) and is_shipped(domain)):
+            continue
+        if trained_on_scored(source, domain, split):
+            found.append(source.card.name)
+    return list(dict.fromkeys(found))
 
 
 def peak_memory() -> int:

@@ -1,4 +1,4 @@
-"""Between arrays and the dicts of PettingZoo: observations and truth in, forecasts out."""
+"""Between arrays and the dicts of PettingZoo: observations, forecasts and ground truth."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import HISTORY, Forecast, Observation, Truth
+from motion_gym.stepping.clocks import Settled
 
 
 def observation_from_dict(
@@ -34,18 +35,52 @@ def forecast_to_dict(forecast: Forecast, agents: Sequence[str]) -> dict[str, np.
 
 
 def truth_from_infos(infos: Mapping[str, Mapping[str, Any]], dt: float) -> Truth | None:
-    """The truth that has just been revealed, one scene per time at which forecasts were made; None if nothing was."""
-    settled = [(name, info) for name, info in infos.items() if "future" in info]
+    """The ground truth that has just been revealed: whole scenes; None if nothing was revealed.
+
+    The times of the scenes are those of the environment's clock.
+    """
+    settled = [info for info in infos.values() if "future" in info]
     if not settled:
         return None
-    history, future, known, made = (
-        np.concatenate([info[key] for _, info in settled]) for key in ("history", "future", "known", "made")
+    agent, row, history, future, known, made = (
+        np.concatenate([info[key] for info in settled])
+        for key in ("agent", "row", "history", "future", "known", "made")
     )
-    agent = np.concatenate([np.full(len(info["made"]), _number(name)) for name, info in settled])
-    order = np.lexsort((agent, made))
+    order = np.lexsort((row, made))
     scene = np.append(np.flatnonzero(np.diff(made[order], prepend=-1)), len(made))
     observation = Observation(history[order], scene, agent[order], dt, made[order][scene[:-1]])
     return Truth(future[order], known[order], observation)
+
+
+def infos_of(settled: Settled, names: Mapping[int, str]) -> dict[str, dict[str, np.ndarray]]:
+    """The infos that report settled scenes.
+
+    Every agent reports its own forecasts. Those of an agent that left in an earlier step are reported by an agent of
+    the same scene: the last agents of a scene are in the step that settles it.
+
+    Args:
+        settled: Whole scenes.
+        names: Name by the clock's id, of the agents in the dicts of this step.
+    """
+    seen, reporter = settled.truth.observation, settled.identity.copy()
+    scene = seen.scene_index
+    here = np.array([identity in names for identity in reporter.tolist()])
+    if not here.all():
+        rows = np.flatnonzero(here)
+        reporter[~here] = settled.identity[rows[np.searchsorted(scene[rows], scene[~here])]]
+    order = np.argsort(reporter, kind="stable")
+    columns = {
+        "agent": seen.agent[order],
+        "row": (np.arange(len(scene)) - seen.scene[scene])[order],
+        "history": seen.history[order],
+        "future": settled.truth.future[order],
+        "known": settled.truth.known[order],
+        "forecast": settled.forecast.positions[order],
+        "made": settled.made[order],
+    }
+    identity, start = np.unique(reporter[order], return_index=True)
+    parts = zip(identity.tolist(), start, [*start[1:], len(order)], strict=True)
+    return {names[i]: {key: column[a:b] for key, column in columns.items()} for i, a, b in parts}
 
 
 def _number(name: str) -> int:

@@ -1,26 +1,26 @@
-"""Forecasts that were made and wait for their truth."""
+"""The ledger: forecasts that wait for their ground truth, and forecasts that are settled."""
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, DataError, Forecast, Observation, PredictorError, Truth
+from motion_gym.contract import FUTURE, DataError, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.data.windows import offsets, stack
 from motion_gym.stepping.harness import frozen
 
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """A scene that was forecast.
+    """A scene whose forecast waits for its ground truth.
 
     Attributes:
-        made: When, in steps.
-        observation: What was seen: one scene.
-        forecast: What was said.
+        made: Time of the forecast, in steps.
+        observation: The observation that was forecast: one scene.
+        forecast: The forecast of its agents.
     """
 
     made: int
@@ -29,13 +29,23 @@ class Stored:
 
 
 class Outstanding:
-    """Keeps each forecast as it was made until its truth is told, so that nothing can be scored that was made later.
+    """Stores each forecast when it is made and pairs it with its ground truth later, so that no score can be improved.
 
-    ``evaluate_online`` uses it; so can a loop of one's own.
+    The clocks, the environments and ``evaluate_online`` use this ledger; a loop of your own can use it, too.
+
+    Args:
+        keep: Keep the settled forecasts for ``read``; otherwise they are only counted, and memory stays bounded.
+
+    Attributes:
+        matured: Number of settled forecasts of one agent whose 12 steps all happened.
+        censored: Number of settled forecasts of one agent that left before the last step.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, keep: bool = False) -> None:
+        self.keep = keep
+        self.matured = self.censored = 0
         self._stored: dict[int, Stored] = {}
+        self._settled: list[tuple[Forecast, Truth, np.ndarray]] = []
 
     def __len__(self) -> int:
         """Number of scenes that wait."""
@@ -45,19 +55,29 @@ class Outstanding:
         """The scenes that wait, oldest first."""
         return iter(list(self._stored.values()))
 
+    @property
+    def settled(self) -> int:
+        """Number of settled forecasts of one agent, matured or censored."""
+        return self.matured + self.censored
+
     def store(self, made: int, observation: Observation, forecast: Forecast | np.ndarray) -> None:
-        """Keep a copy of the forecast of a scene, or of its positions [A, K, 12, 2] alone.
+        """Store a copy of the forecast of a scene.
+
+        Args:
+            made: Time of the forecast, in steps.
+            observation: The scene, A agents.
+            forecast: Its forecast, or positions [A, K, 12, 2] alone.
 
         Raises:
-            PredictorError: one was stored for this time already, or it is not of the agents observed.
+            PredictorError: a forecast of this time is already stored, or it does not fit the agents observed.
         """
         if made in self._stored:
             raise PredictorError(f"A forecast made at {made} is stored already: a time is forecast once.")
-        said = forecast if isinstance(forecast, Forecast) else Forecast(forecast)
-        shape: tuple[int, ...] = tuple(getattr(said.positions, "shape", ()))
+        given = forecast if isinstance(forecast, Forecast) else Forecast(forecast)
+        shape: tuple[int, ...] = tuple(getattr(given.positions, "shape", ()))
         if len(shape) != 4 or shape[2:] != (FUTURE, 2):
             raise PredictorError(
-                f"The forecast made at {made} is a {type(said.positions).__name__} of shape {shape}: positions are an "
+                f"The forecast made at {made} is a {type(given.positions).__name__} of shape {shape}: positions are an "
                 f"array [A, K, {FUTURE}, 2]."
             )
         if shape[0] != len(observation):
@@ -65,48 +85,106 @@ class Outstanding:
                 f"The forecast made at {made} is of {shape[0]} agents, and {len(observation)} are observed: forecast "
                 "each of them."
             )
-        if not np.isfinite(said.positions).all():
+        if not np.isfinite(given.positions).all():
             raise PredictorError(f"The forecast made at {made} has NaN or infinite positions: all must be finite.")
-        # Copies, so that whoever made them can change nothing later.
-        self._stored[made] = Stored(made, frozen(observation), copy.deepcopy(said))
+        # Copies, so that the caller cannot change them later.
+        weights = None if given.weights is None else np.array(given.weights)
+        self._stored[made] = Stored(made, frozen(observation), Forecast(np.array(given.positions), weights))
 
-    def settle(self, made: int, future: Any, known: Any) -> tuple[Forecast, Truth]:
-        """The stored forecast of a time and its truth, when all that will be known of it is known; it waits no more.
+    def settle(
+        self, made: int | Sequence[int], future: Any, known: Any, person: np.ndarray | None = None
+    ) -> tuple[Forecast, Truth]:
+        """The forecast of a time with its complete ground truth; the scene stops waiting.
 
         Args:
-            made: When it was made.
-            future: [A, 12, 2] positions, metres, of the agents that were observed then, in their order.
-            known: [A, 12], False where an agent had left.
+            made: Time of the forecast; or several times, whose scenes are then stacked.
+            future: [A, 12, 2] positions, metres, of the agents observed at that time, in their order.
+            known: [A, 12], False at the steps after an agent left.
+            person: [A] ids for ``matured_only``; by default the agents of the observation.
 
         Raises:
-            DataError: no forecast was made then, or the truth has another shape, or is not finite where it is known.
+            DataError: no forecast of this time waits, or the ground truth has a wrong shape, or is not finite where
+                it is known.
         """
         truth = self.so_far(made, future, known)
-        return self._stored.pop(made).forecast, truth
+        times = [made] if isinstance(made, int) else made
+        forecasts = [self._stored.pop(time).forecast for time in times]
+        forecast = forecasts[0] if len(forecasts) == 1 else Forecast.join(forecasts)
+        matured = int(np.count_nonzero(truth.known.all(axis=1)))
+        self.matured += matured
+        self.censored += len(truth.known) - matured
+        if self.keep:
+            self._settled.append((forecast, truth, truth.observation.agent if person is None else person))
+        return forecast, truth
 
-    def so_far(self, made: int, future: Any, known: Any) -> Truth:
-        """The truth as far as it is known, as for ``settle``; the forecast goes on waiting."""
-        if made not in self._stored:
-            there = f"{min(self._stored)} to {max(self._stored)}" if self._stored else "none"
-            raise DataError(f"Truth was told of a forecast made at {made}, and none is stored of that time ({there}).")
-        stored = self._stored[made]
-        agents = len(stored.observation)
-        with np.errstate(over="ignore"):  # which is not finite, and said below
+    def so_far(self, made: int | Sequence[int], future: Any, known: Any) -> Truth:
+        """The ground truth known so far, with the arguments and errors of ``settle``; the scene goes on waiting."""
+        times = [made] if isinstance(made, int) else made
+        observation, name = self._observed(times), f"forecast made at {times[0] if len(times) == 1 else times}"
+        agents = len(observation)
+        with np.errstate(over="ignore"):  # values beyond float32 become infinite and are refused below
             try:
                 future, known = np.array(future, np.float32), np.array(known, bool)
             except (TypeError, ValueError) as error:
-                said = f"The truth of the forecast made at {made} is no array of numbers: {error}."
-                raise DataError(said) from None
+                raise DataError(f"The truth of the {name} is no array of numbers: {error}.") from None
         if future.shape != (agents, FUTURE, 2) or known.shape != (agents, FUTURE):
             raise DataError(
-                f"The truth of the forecast made at {made} has shapes {future.shape} and {known.shape}, expected "
+                f"The truth of the {name} has shapes {future.shape} and {known.shape}, expected "
                 f"{(agents, FUTURE, 2)} and {(agents, FUTURE)}: the {agents} agents observed then, {FUTURE} steps."
             )
-        bad = np.argwhere(known & ~np.isfinite(future).all(axis=-1))
-        if len(bad):
-            raise DataError(
-                f"The truth of agent {stored.observation.agent[bad[0][0]]}, forecast at {made}, is not finite at step "
-                f"{bad[0][1] + 1}: make known False where a position is not known."
-            )
         future[~known] = 0
-        return Truth(future, known, stored.observation)
+        if not np.isfinite(future).all():
+            row, step, _ = np.argwhere(~np.isfinite(future))[0]
+            raise DataError(
+                f"The truth of agent {observation.agent[row]}, forecast at {times[observation.scene_index[row]]}, is "
+                f"not finite at step {step + 1}: make known False where a position is not known."
+            )
+        return Truth(future, known, observation)
+
+    def _observed(self, times: Sequence[int]) -> Observation:
+        """The observations stored at some times, stacked."""
+        missing = [time for time in times if time not in self._stored]
+        if missing:
+            there = f"{min(self._stored)} to {max(self._stored)}" if self._stored else "none"
+            raise DataError(
+                f"Truth was told of a forecast made at {missing[0]}, and none is stored of that time ({there})."
+            )
+        parts = [self._stored[time].observation for time in times]
+        if len(parts) == 1:
+            return parts[0]
+        when = [part.time for part in parts if part.time is not None]
+        return Observation(
+            np.concatenate([part.history for part in parts]),
+            offsets(np.concatenate([np.diff(part.scene) for part in parts])),
+            np.concatenate([part.agent for part in parts]),
+            parts[0].dt,
+            np.concatenate(when) if len(when) == len(parts) else None,
+        )
+
+    def read(self) -> tuple[Forecast, Truth]:
+        """All settled forecasts with their ground truth, stacked.
+
+        Raises:
+            SpecError: nothing is settled yet, or settled forecasts are not kept.
+        """
+        if not self.keep:
+            raise SpecError("This ledger counts settled forecasts and does not keep them: make it with keep=True.")
+        if not self._settled:
+            raise SpecError("No forecast is settled yet, the ledger is empty: step further before you read it.")
+        forecasts, truths, _ = zip(*self._settled, strict=True)
+        return Forecast.join(forecasts), stack(truths)
+
+    def matured_only(self) -> tuple[Forecast, Truth]:
+        """The matured forecasts with their ground truth; agents are persons, as in ``domain.windows``.
+
+        Raises:
+            SpecError: as ``read``.
+        """
+        forecast, truth = self.read()
+        keep = np.flatnonzero(truth.known.all(axis=1))
+        seen = truth.observation
+        sizes = np.bincount(seen.scene_index[keep], minlength=seen.scenes)
+        person = np.concatenate([person for *_, person in self._settled])[keep]
+        time = None if seen.time is None else seen.time[sizes > 0]
+        observation = Observation(seen.history[keep], offsets(sizes[sizes > 0]), person, seen.dt, time)
+        return forecast.take(keep), Truth(truth.future[keep], truth.known[keep], observation)

@@ -10,11 +10,16 @@ import numpy as np
 from pettingzoo import ParallelEnv
 
 from motion_gym import catalog
-from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, SpecError, check_action
+from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, SpecError
 from motion_gym.data.windows import positions_only
-from motion_gym.stepping.clocks import Clock, Ledger, Settled, Step, StreamClock, WindowsClock
+from motion_gym.stepping.actions import action_space, checked_action
+from motion_gym.stepping.clocks import Clock, Settled, Step
+from motion_gym.stepping.dicts import infos_of
 from motion_gym.stepping.harness import windows_of_domain
+from motion_gym.stepping.outstanding import Outstanding
 from motion_gym.stepping.render import Canvas, check_render_mode
+from motion_gym.stepping.stream_clock import StreamClock
+from motion_gym.stepping.windows_clock import WindowsClock
 
 CLOCKS = ("windows", "stream")
 
@@ -27,7 +32,8 @@ class ForecastEnv(ParallelEnv):
 
     ## Action space
     ``Box(K, 12, 2)``, float32: K sampled forecasts of the agent's next 12 positions, in metres, in the frame of the
-    observation. With K = 1, ``(12, 2)`` is accepted too.
+    observation. With K = 1, ``(12, 2)`` is accepted too; float64 is cast. The bounds (``BOUND``) are wider than any
+    recording, and not enforced.
 
     ## Clocks
     ``windows``: each step is the next window of the split. Agents live for one step: they enter, their forecast is
@@ -38,9 +44,12 @@ class ForecastEnv(ParallelEnv):
     that answers this observation.
 
     ## Infos
-    When forecasts of an agent are settled (matured, or censored because it left), its info has ``history``
-    [M, 8, F], ``future`` [M, 12, 2], ``known`` [M, 12] (future is zero where not known), ``forecast`` [M, K, 12, 2]
-    and ``made`` [M], the time at which each was made. ``env.ledger`` keeps them all.
+    The ground truth of a scene (all agents observed at one time) is revealed once, after its last forecast step or when
+    its last agent is known to have left. Infos then have ``agent`` [M], the numbers of the agents, ``row`` [M], their
+    places in their scenes, ``history`` [M, 8, F], ``future`` [M, 12, 2], ``known`` [M, 12] (future is zero where not
+    known), ``forecast`` [M, K, 12, 2] and ``made`` [M], the time of each forecast. Every agent reports its own
+    forecasts; those of an agent that left earlier are reported by another agent of the scene. ``truth_from_infos`` puts
+    the scenes together. ``env.ledger`` keeps all settled forecasts.
 
     ## Episode end
     After the last window or frame; ``agents`` is then empty. Nothing is ever truncated.
@@ -80,15 +89,19 @@ class ForecastEnv(ParallelEnv):
             raise SpecError(f"Split `{split}` of `{self.domain!r}` has nobody to observe: nothing to play.")
         self.samples = samples
         self.render_mode = render_mode
-        self.ledger = Ledger()
         self.possible_agents = [self.clock.name(i) for i in range(self.clock.size)]
         self.agents: list[str] = []
         self._step = self.clock.reset()
         features = self._step.observation.history.shape[2]
         self._observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (HISTORY, features), np.float32)
-        self._action_space = gymnasium.spaces.Box(-np.inf, np.inf, (samples, FUTURE, 2), np.float32)
+        self._action_space = action_space(samples)
         card = self.domain.card
         self._canvas = Canvas(f"{card.name}, {clock} clock", self.clock.extent, card.unit, self.metadata["render_fps"])
+
+    @property
+    def ledger(self) -> Outstanding:
+        """The forecasts of this episode."""
+        return self.clock.ledger
 
     def observation_space(self, agent: str) -> gymnasium.spaces.Space:
         """Box(8, F), the same for all agents."""
@@ -100,7 +113,6 @@ class ForecastEnv(ParallelEnv):
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         """Go to the beginning. The data is what it is: seed and options change nothing."""
-        self.ledger = Ledger()
         self._enter(self.clock.reset())
         self._show(None)
         return self._observations(), {name: {} for name in self.agents}
@@ -109,14 +121,13 @@ class ForecastEnv(ParallelEnv):
         """Store one forecast per agent, go on, and reveal what happened.
 
         Raises:
-            ActionError: an action is missing, not asked for, or not a finite float32 array of the right shape. The
+            ActionError: an action is missing, not asked for, or not a finite array of the right shape. The
                 environment has not moved then.
         """
         forecast = self._forecast(actions)
         before, last = self.agents, self._step
         step = self.clock.step(forecast)
         self._enter(step)
-        self.ledger.add(step.settled)
         stay = set(self.agents)
         left = [i for i, name in enumerate(before) if name not in stay]
         observations = self._observations()
@@ -127,7 +138,9 @@ class ForecastEnv(ParallelEnv):
         terminated = dict.fromkeys(names, False)
         terminated.update((before[i], True) for i in left)
         infos: dict[str, dict[str, Any]] = {name: {} for name in names}
-        self._report(step.settled, infos)
+        if step.settled is not None:
+            here = dict(zip([*last.identity.tolist(), *step.identity.tolist()], [*before, *self.agents], strict=True))
+            infos.update(infos_of(step.settled, here))
         self._show(step.settled)
         return observations, reward, terminated, dict.fromkeys(names, False), infos
 
@@ -166,29 +179,14 @@ class ForecastEnv(ParallelEnv):
                 f"No action for {len(missing)} of {len(here)} agents, {missing[0]} first: every agent of `env.agents` "
                 "needs a forecast."
             )
-        chosen = [actions[name] for name in self.agents]
-        for name, action in zip(self.agents, chosen, strict=True):
-            check_action(action, (self.samples, FUTURE, 2), f"Action of `{name}`", one_sample=True)
-        stacked = np.stack([a.reshape(self.samples, FUTURE, 2) for a in chosen])
+        shape = (self.samples, FUTURE, 2)
+        stacked = np.stack(
+            [checked_action(actions[n], shape, f"Action of `{n}`", one_sample=True) for n in self.agents]
+        )
         if not np.isfinite(stacked).all():
             bad = self.agents[int(np.flatnonzero(~np.isfinite(stacked).all(axis=(1, 2, 3)))[0])]
             raise ActionError(f"Action of `{bad}` has NaN or infinite positions: every position must be finite.")
         return Forecast(stacked)
-
-    def _report(self, settled: Settled, infos: dict[str, dict[str, Any]]) -> None:
-        if not len(settled.made):
-            return
-        order = np.argsort(settled.identity, kind="stable")
-        identity, start, count = np.unique(settled.identity[order], return_index=True, return_counts=True)
-        columns = {
-            "history": settled.truth.observation.history[order],
-            "future": settled.truth.future[order],
-            "known": settled.truth.known[order],
-            "forecast": settled.forecast.positions[order],
-            "made": settled.made[order],
-        }
-        for i, first, n in zip(identity, start, count, strict=True):
-            infos[self.possible_agents[i]].update({key: column[first : first + n] for key, column in columns.items()})
 
     def _show(self, settled: Settled | None) -> None:
         if not self.render_mode:

@@ -18,7 +18,7 @@ def register_all() -> None:
             gymnasium.register(
                 env_id,
                 entry_point="motion_gym.stepping.gymnasium_env:WindowEnv",
-                vector_entry_point="motion_gym.stepping.gymnasium_env:WindowVectorEnv",
+                vector_entry_point="motion_gym.stepping.vector_env:WindowVectorEnv",
                 kwargs={"domain": name},
             )
         if env_id not in pettingzoo.parallel_registry:

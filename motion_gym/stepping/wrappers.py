@@ -41,7 +41,7 @@ class ScoreParallel(BaseParallelWrapper):
         Raises:
             SpecError: none has matured yet.
         """
-        ledger = self.unwrapped.ledger  # type: ignore[attr-defined]
+        ledger: Any = self.unwrapped.ledger  # type: ignore[attr-defined]
         if not ledger.matured:
             raise SpecError("No forecast has matured yet: step the environment further before you ask for a score.")
         forecast, truth = ledger.matured_only()
@@ -83,9 +83,8 @@ class ScoreWindows(gymnasium.Wrapper):
         if not self._forecasts:
             raise SpecError("No window has been forecast yet: step the environment before you ask for a score.")
         forecast = Forecast(np.concatenate(self._forecasts))
-        whole = self.unwrapped.padded.truth  # type: ignore[attr-defined]
-        truth = pick_scenes(whole, slice(0, len(self._forecasts)))
-        return _summary(forecast, truth)
+        env: Any = self.unwrapped
+        return _summary(forecast, pick_scenes(env.padded.truth, env.order[: len(self._forecasts)]))
 
 
 def _summary(forecast: Forecast, truth: Truth) -> dict[str, Summary]:

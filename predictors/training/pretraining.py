@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,17 +10,15 @@ import torch
 from torch import Tensor
 
 from motion_gym import catalog
-from motion_gym.benchmarks import shipped as benchmarks
-from motion_gym.benchmarks.results import package_code, versions
-from motion_gym.data.storage import write_atomic
+from motion_gym.benchmarks.studies import REFERENCES
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.pair_network import Pairs
 from motion_gym.predictors.training.style_training import Schedule, StyleProgram
-from motion_gym.predictors.weighted import Weights
 from motion_gym.training import loop as training
 from motion_gym.training import plans as training_plans
+from motion_gym.training.program import Weights
 
 VARIANTS = {"pre-trained": (100, 50, 20, 100), "not pre-trained": (100, 0, 20, 100)}
 """Epochs of the stages; the second one pre-trains the style encoder."""
@@ -39,7 +35,7 @@ class Watched(StyleProgram):
         made = Modular()
         super().__init__(*plan.data(), made.objective, Schedule(tuple(epochs)), torch.device("cpu"), {})
         places = [catalog.domain(spec) for spec in WATCHED]
-        self.shown = [Pairs.of(pick_scenes(place.reference(), slice(0, benchmarks.REFERENCES))) for place in places]
+        self.shown = [Pairs.of(pick_scenes(place.reference(), slice(0, REFERENCES))) for place in places]
         self.watched = [Pairs.of(place.windows("val")) for place in places]
         self.seen: list[list[list[float]]] = []
 
@@ -53,46 +49,28 @@ class Watched(StyleProgram):
         return super().validate(weights, generators)
 
 
-def curves(folder: Path, report: Callable[[int, int, str], None]) -> dict[str, dict[str, np.ndarray]]:
-    """ADE [epochs, seeds] by watched domain and variant, metres; trained anew unless ``folder`` has it.
+def curves(report: Callable[[int, int, str], None] = lambda done, of, what: None) -> dict[str, Any]:
+    """Train both variants, and return their errors on the watched domains after each epoch of the last stage.
 
     Args:
-        folder: For one JSON file per variant; one that the same code and data made is read.
         report: Called after each epoch with the number of epochs done, of all, and what is trained.
+
+    Returns:
+        ``ade``: watched domain -> variant -> [epochs][seeds] mean ADE; ``seeds``; ``references``: reference scenes that
+        the style is read from; ``unit`` and ``dt``.
     """
-    found: dict[str, dict[str, np.ndarray]] = {domain: {} for domain in WATCHED}
+    ade: dict[str, dict[str, list[list[float]]]] = {domain: {} for domain in WATCHED}
     total = sum(map(sum, VARIANTS.values()))
     done = 0
     for name, epochs in VARIANTS.items():
-        path = folder / f"{name.replace(' ', '_')}.json"
         program = Watched(epochs)
-        made = {
-            "epochs": list(epochs),
-            "seeds": list(SEEDS),
-            "watched": list(WATCHED),
-            "training": json.loads(json.dumps(program.config)),
-            "versions": versions(),
-            "motion_gym_code": package_code(),
-        }
-        kept = _kept(path)
-        if {**kept, "ADE": None} != {**made, "ADE": None}:
 
-            def tell(state: training.Progress, name: str = name, done: int = done) -> None:
-                report(done + state.epoch, total, f"{name}: {state.stage}")
+        def tell(state: training.Progress, name: str = name, done: int = done) -> None:
+            report(done + state.epoch, total, f"{name}: {state.stage}")
 
-            training.train(program, SEEDS, report=tell)
-            kept = {**made, "ADE": program.seen}
-            write_atomic(path, (json.dumps(kept) + "\n").encode())
+        training.train(program, SEEDS, report=tell)
         done += sum(epochs)
-        for domain, errors in zip(WATCHED, np.array(kept["ADE"]).swapaxes(0, 1), strict=True):
-            found[domain][name] = errors
-    return found
-
-
-def _kept(path: Path) -> dict[str, Any]:
-    """What a file holds; nothing if it is not there, or damaged."""
-    try:
-        found = json.loads(path.read_text())
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) and "ADE" in found else {}
+        for domain, errors in zip(WATCHED, np.array(program.seen).swapaxes(0, 1), strict=True):
+            ade[domain][name] = errors.tolist()
+    card = catalog.domain(WATCHED[0]).card
+    return {"ade": ade, "seeds": list(SEEDS), "references": REFERENCES, "unit": card.unit, "dt": card.dt}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motion_gym import catalog
-from motion_gym.benchmarks import benchmark_report, seed_tables, source_selection
+from motion_gym.benchmarks import benchmark_report
 from motion_gym.benchmarks import shipped as benchmarks
 from motion_gym.benchmarks.shipped import BENCHMARKS, Part
 from motion_gym.contract import DataError, PredictorError, SpecError
@@ -105,31 +105,6 @@ def test_a_part_may_have_a_k_of_its_own(tmp_path, monkeypatch):
     assert benchmarks.read("small", tmp_path) == [(part, results)]
 
 
-def test_tables_hold_means_and_standard_errors(small):
-    _, (part, results) = small
-    text = seed_tables.markdown(part, results)
-    values = seed_tables.over_seeds(part, results, "ADE")["erm", "8"]
-    assert len(values) == 5
-    error = values.std(ddof=1) / np.sqrt(5)
-    cell = f"{values.mean():.3f} ± {error:.3f}".replace("0.", ".")
-    assert cell in text and "| `constant_velocity` | .995 / 2.234 |" in text
-    assert "oracle side channel: sigma reads the future" in text
-    assert "181 agent-windows of 36 agents in 70 scenes" in text
-    assert "lowest ADE on the validation windows of the sources" in text
-    assert seed_tables.short(part, results).count("| `") == 2
-
-
-def test_published_numbers_stand_in_columns_of_their_own(small):
-    _, (part, results) = small
-    lines = seed_tables.against_published(part, results).splitlines()
-    (line,) = [line for line in lines if line.startswith("| `erm` | 64 | 20 |")]
-    cells = [cell.strip() for cell in line.split("|")]
-    assert cells[5:7] == ["2.770", "2.666 / 4.441"]
-    ours = seed_tables.over_seeds(part, results, "JADE_20")["erm", "64"].mean()
-    assert cells[7] == f"{100 * (ours / 2.77 - 1):+.0f} %"
-    assert "| `gcrl` | 8 | 1 | - | - | .988 / 1.872 | - |" in lines
-
-
 def test_files_of_a_benchmark_are_written_and_are_the_same_again(small, tmp_path):
     _, found = small
     written = benchmark_report.write("spurious", [found], tmp_path)
@@ -139,17 +114,6 @@ def test_files_of_a_benchmark_are_written_and_are_the_same_again(small, tmp_path
         if path.suffix == ".svg":
             ElementTree.parse(path)
     assert {path.name: path.read_bytes() for path in benchmark_report.write("spurious", [found], tmp_path)} == first
-
-
-def test_relative_sigma_is_chosen_on_the_sources_alone(eth_ucy):
-    place = catalog.domain("eth:alpha=1")
-    place.windows = None  # the domain itself must not be looked at
-    found = source_selection.left_out(("linear:sigma=true", "linear:sigma=relative"), place)
-    means = {row: errors["mean"] for row, errors in found.items()}
-    assert means["linear:sigma=relative"] == pytest.approx(0.435, abs=0.002)
-    assert means["linear:sigma=true"] == pytest.approx(0.512, abs=0.002)
-    assert len(found["linear:sigma=true"]) == 5
-    assert "| `linear:sigma=relative` |" in source_selection.markdown(found).split("chosen |")[0].splitlines()[-1]
 
 
 @pytest.mark.parametrize("path", sorted(weight_files.SHIPPED.rglob("*.safetensors")), ids=lambda path: path.stem)

@@ -32,7 +32,7 @@ def test_domains_that_ship_are_accepted(spec):
 def test_missing_data_is_no_finding(tmp_path, monkeypatch):
     monkeypatch.setenv("MOTION_GYM_DATA", str(tmp_path))
     with pytest.raises(DataError):
-        checks.domain_problems("eth")
+        checks.run_checks("eth", "domain")
 
 
 def test_unknown_names_are_no_findings():
@@ -43,7 +43,7 @@ def test_unknown_names_are_no_findings():
 
 
 class Several:
-    """Breaks five rules, and by changing its input seems to break another."""
+    """Breaks six rules; what it does to its input makes the forecasts of a scene depend on its place in the batch."""
 
     name = 3
 
@@ -63,6 +63,43 @@ def test_everything_is_said_at_once():
     with pytest.raises(PredictorError) as error:
         checks.check_predictor(Several)
     text = str(error.value)
-    assert text.startswith("Several breaks 5 rules of the predictor contract:\n- ")
-    for rule in ("attributes", "state", "input", "reset", "pickle"):
+    assert text.startswith("Several breaks 6 rules of the predictor contract:\n- ")
+    for rule in ("attributes", "state", "input", "scenes", "reset", "pickle"):
         assert f"\n- {rule}: " in text
+
+
+@pytest.mark.parametrize("kind", ["predictor", "adapter", "domain"])
+def test_rules_are_listed_with_a_description(kind):
+    listed = checks.rules(kind)
+    assert len(listed) == {"predictor": 17, "adapter": 26, "domain": 12}[kind]
+    assert all(len(description) > 15 for description in listed.values())
+    with pytest.raises(SpecError, match="Did you mean `domain`"):
+        checks.rules("domains")
+
+
+def test_a_rule_is_run_by_itself_or_skipped_with_a_reason():
+    report = checks.run_checks(Several, "predictor", only=["pickle"])
+    assert [outcome.rule for outcome in report.outcomes] == ["pickle"] and not report.ok
+    reasons = {"pickle": "holds a hook", "reset": "learns once", "state": "counts calls"}
+    report = checks.run_checks(Several, "predictor", skip=reasons)
+    assert {problem.rule for problem in report.problems} == {"attributes", "input", "scenes"}
+    assert "- skipped: pickle: holds a hook" in str(report)
+    checks.check_predictor("constant_velocity", skip={"scenes": "sees all"}, only=["scenes", "pure"])
+    with pytest.raises(SpecError, match=r"no rule `pickel`. Did you mean `pickle`"):
+        checks.check_predictor(Several, skip={"pickel": "holds a hook"})
+    with pytest.raises(SpecError, match="skipped without a reason"):
+        checks.check_predictor(Several, skip={"pickle": " "})
+
+
+def test_what_cannot_be_checked_is_said():
+    report = checks.run_checks("orca_oracle", "predictor")
+    assert report.ok and "- not checked: predict: an oracle" in str(report)
+
+
+def test_rules_can_be_called_as_functions():
+    from motion_gym.checks.predictor_rules import attributes
+    from motion_gym.checks.predictor_trials import PredictorTrial
+    from motion_gym.checks.report import CheckError
+
+    with pytest.raises(CheckError, match="name is 3: make it of type str"):
+        attributes(PredictorTrial(Several))

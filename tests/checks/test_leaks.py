@@ -13,8 +13,8 @@ from motion_gym.data.domains import RecordedDomain
 from motion_gym.envs.orca import Orca
 from motion_gym.predictors.constant_velocity import ConstantVelocity
 from motion_gym.predictors.linear import Linear
-from motion_gym.stepping.clocks import StreamClock
 from motion_gym.stepping.pettingzoo_env import CLOCKS
+from motion_gym.stepping.stream_clock import StreamClock
 from tests.crowd_with_sigma import CrowdWithSigma
 
 SMALL = {"orca": {"scenes": 40}}

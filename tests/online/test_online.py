@@ -13,7 +13,7 @@ import pytest
 import motion_gym as mg
 from motion_gym import catalog
 from motion_gym.checks.predictor_trials import synthetic
-from motion_gym.contract import DataError, Forecast, PredictorError, SpecError, Truth
+from motion_gym.contract import DataError, PredictorError, SpecError
 from motion_gym.data.windows import pick_scenes, stack
 from motion_gym.metrics.errors import ade
 from motion_gym.online import evaluation as online
@@ -25,7 +25,7 @@ from motion_gym.stepping.pettingzoo_env import ForecastEnv
 from motion_gym.stepping.snapshot import snapshot
 from tests.bias import Bias
 from tests.street import Street
-from tests.taped import Taped, alike, fitted_linear
+from tests.taped import Taped, alike, fitted_linear, scenes_of
 
 CROWD = "orca:d=0.3,scenes=6"
 STREET = Street(frames=140)
@@ -71,19 +71,17 @@ def test_forecasts_are_those_of_the_stream_environment(of, place):
 def played_with(labels, **options):
     taped, played = Taped(Bias(mg.predictor(PLAIN))), stream(STREET)
     evaluate_online(taped, played, labels=labels, **options)
-    made = {}
-    for at, time in enumerate(played.clock.times):
-        truth = played.clock.truth_at(at)
-        made[truth.observation.agent.tobytes() + truth.observation.history.tobytes()] = int(time), truth.known
-    return taped.tape, played.clock.times, made
+    return taped.tape, played.clock.times, scenes_of(played.clock)
 
 
-def each_told(tape, times, made):
+def each_told(tape, times, scenes):
     for index, truth in tape.told:
         for scene in range(truth.observation.scenes):
             one = pick_scenes(truth, [scene])
-            at, known = made[one.observation.agent.tobytes() + one.observation.history.tobytes()]
-            yield int(times[index]), at, one.known, known
+            (at,) = one.observation.time.tolist()
+            np.testing.assert_array_equal(one.observation.agent, scenes[at].observation.agent)
+            np.testing.assert_array_equal(one.observation.history, scenes[at].observation.history)
+            yield int(times[index]), at, one.known, scenes[at].known
 
 
 def test_matured_labels_are_told_once_and_when_no_more_will_be_known():
@@ -109,11 +107,11 @@ def test_stepwise_labels_are_told_as_they_happen():
 
 
 def test_the_truth_that_is_told_is_what_happened():
-    tape, _, made = played_with("matured")
+    tape, _, _ = played_with("matured")
     (recording,) = STREET.recordings("test")
     frames = np.unique(recording.frame)
     for one in (pick_scenes(truth, [s]) for _, truth in tape.told for s in range(truth.observation.scenes)):
-        at, _ = made[one.observation.agent.tobytes() + one.observation.history.tobytes()]
+        (at,) = one.observation.time.tolist()
         here = recording.frame == frames[at]
         for future, known, history in zip(one.future, one.known, one.observation.history, strict=True):
             agent = recording.agent[here][np.abs(recording.xy[here] - history[-1]).sum(axis=1).argmin()]
@@ -323,17 +321,16 @@ def test_a_card_says_what_came_out_by_segment_and_over_time():
 
 def test_a_loop_of_ones_own_gives_the_same():
     """Outstanding and an adapter, driven by hand over a stream."""
-    made, played, errors = catalog.adapter("kalman", fitted_linear()), stream(STREET), []
-    waiting, truths = mg.Outstanding(), {}
-    for at, now in enumerate(played.clock.times.tolist()):
-        due = [s.made for s in waiting if s.made + min(12, int(truths[s.made].known.sum(axis=1).max()) + 1) <= now]
-        settled: list[tuple[Forecast, Truth]] = [waiting.settle(t, truths[t].future, truths[t].known) for t in due]
+    made, errors, waiting = catalog.adapter("kalman", fitted_linear()), [], mg.Outstanding()
+    scenes = scenes_of(stream(STREET).clock)
+    for now, scene in scenes.items():
+        due = [s.made for s in waiting if s.made + min(12, int(scenes[s.made].known.sum(axis=1).max()) + 1) <= now]
+        settled = [waiting.settle(t, scenes[t].future, scenes[t].known) for t in due]
         for forecast, truth in settled:
             errors += ade(forecast, truth)[truth.known.all(axis=1)].tolist()
         if settled:
             made.observe(stack([truth for _, truth in settled]))
-        truths[now] = played.clock.truth_at(at)
-        waiting.store(now, truths[now].observation, made.predict(truths[now].observation))
+        waiting.store(now, scene.observation, made.predict(scene.observation))
     card = evaluate_online(catalog.adapter("kalman", fitted_linear()), STREET)
     np.testing.assert_array_equal(card.values[: len(errors)], errors)
     assert len(errors) > 100

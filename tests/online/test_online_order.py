@@ -14,7 +14,7 @@ from motion_gym.online.evaluation import evaluate_online
 from motion_gym.online.streams import Segment, Stream
 from tests.bias import Bias
 from tests.street import Street
-from tests.taped import Taped, fitted_linear
+from tests.taped import Taped, fitted_linear, scenes_of
 
 CROWD = "orca:d=0.3,scenes=6"
 STREET = Street(frames=140)
@@ -38,6 +38,7 @@ class Otherwise:
     def __init__(self, place, after, leave):
         self.place, self.after, self.leave = catalog.domain(place), after, leave
         self.windows, self.reference, self.history = self.place.windows, self.place.reference, self.place.history
+        self.world = self.place.world
 
     @property
     def card(self):
@@ -112,14 +113,12 @@ class Foresees(Bias):
 
     def __init__(self, of, world, frames):
         super().__init__(of)
-        clock = Stream([Segment(world, 0, frames)]).clock
-        truths = [clock.truth_at(at) for at in range(len(clock.times))]
-        self.truths = {truth.observation.history.tobytes(): truth for truth in truths}
+        self.truths = scenes_of(Stream([Segment(world, 0, frames)]).clock)
 
     def predict(self, observation, samples=1, seed=0):
         learned = copy.copy(self)
         learned.errors = copy.copy(self.errors)
-        learned.observe(self.truths[observation.history.tobytes()])
+        learned.observe(self.truths[int(observation.time[0])])
         return Bias.predict(learned, observation, samples, seed)
 
 

@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motion_gym.online.scores import (
+    BLOCK,
     EVERY,
+    PHASE,
     POINTS,
     TRAIL,
     WITHIN,
@@ -78,21 +80,43 @@ def test_after_a_shift_only_what_was_forecast_since_then_counts():
     assert [ade for _, _, ade in shift.after] == pytest.approx(expected)
 
 
-def test_recovery_is_the_first_point_within_ten_percent():
-    after = [[50, 20.0, 0.9], [60, 24.0, 0.56], [70, 28.0, 0.55], [80, 32.0, 0.3]]
-    assert recovery({"after": after}, [0.5] * 4) == (70, 28.0)
-    assert recovery({"after": after}, [0.1, 0.51, 0.5, 0.5]) == (60, 24.0)
-    assert recovery({"after": after}, [1.0] * 4) == (50, 20.0)
-    assert recovery({"after": after}, [0.1] * 4) is None
-    assert recovery({"after": []}, []) is None
+def test_blocks_of_a_phase_are_means_of_consecutive_forecasts():
+    values, segment, *rest = stream_of(("a", 60, 0.2), ("b", 250, 0.0))
+    values[60:] = np.linspace(1.0, 0.2, 250)
+    (shift,) = shifts_of(values, segment, *rest)
+    expected = [(BLOCK, 100.0, values[60:160].mean()), (2 * BLOCK, 200.0, values[160:260].mean())]
+    assert shift.blocks == [pytest.approx(row, abs=1e-4) for row in expected]  # the last 50 fill no block
 
 
-@given(st.lists(st.tuples(SOME, SOME), max_size=20))
-def test_recovery_is_never_before_the_level_is_reached(errors):
-    after = [(50 + 10 * i, float(i), error) for i, (error, _) in enumerate(errors)]
-    found = recovery({"after": after}, [level for _, level in errors])
-    reached = [row[:2] for row, (error, level) in zip(after, errors, strict=True) if error <= WITHIN * level]
-    assert found == (reached[0] if reached else None)
+def phase(*errors):
+    """A shift with blocks of these errors, one forecast every two seconds."""
+    return {"blocks": [[BLOCK * n, 200.0 * n, ade] for n, ade in enumerate(errors, 1)]}
+
+
+def test_recovery_must_last_until_the_phase_ends():
+    oracle = phase(*[0.1] * 6)
+    assert recovery(phase(0.3, 0.11, 0.1, 0.1, 0.11, 0.1), oracle) == (100, 200.0)
+    assert recovery(phase(0.1, 0.1, 0.1, 0.3, 0.1, 0.1), oracle) == (400, 800.0)  # the first passage does not count
+    assert recovery(phase(*[0.1] * 6), oracle) == (0, 0.0)
+    assert recovery(phase(0.1, 0.1, 0.1, 0.1, 0.1, 0.2), oracle) is None
+
+
+def test_recovery_is_against_the_oracle_at_the_same_time():
+    hard_at_last = phase(0.1, 0.1, 0.1, 0.1, 0.1, 0.5)
+    assert recovery(phase(0.3, 0.1, 0.1, 0.1, 0.1, 0.54), hard_at_last) == (100, 200.0)
+
+
+def test_a_short_phase_is_censored():
+    short = PHASE // BLOCK - 1
+    assert recovery(phase(*[0.1] * short), phase(*[0.1] * short)) is None
+
+
+@given(st.lists(st.tuples(SOME, SOME), min_size=6, max_size=20))
+def test_recovered_means_every_later_block_is_within_ten_percent(errors):
+    found = recovery(phase(*[e for e, _ in errors]), phase(*[level for _, level in errors]))
+    recovered = [error <= WITHIN * level for error, level in errors]
+    starts = [n for n in range(len(errors)) if all(recovered[n:])]
+    assert found == ((BLOCK * starts[0], 200.0 * starts[0]) if starts else None)
 
 
 @given(SOME, SOME, st.floats(-2, 2))

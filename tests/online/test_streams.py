@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from motion_gym.contract import HISTORY, SpecError
 from motion_gym.online.streams import BLOCKS, KINDS, UNIT, Segment, Stream, frames_of, stream, stream_name
 from tests.street import Street
+from tests.taped import scenes_of
 
 SLOW, FAST, OTHER = (Street(style, seed, 900) for style, seed in ((0.5, 0), (2.0, 0), (0.5, 1)))
 """The first two are one place, in which people walk in two styles."""
@@ -103,12 +104,12 @@ def test_what_is_played_is_what_the_segment_shows():
     place = Street(frames=400, places=2)
     frames = [np.unique(recording.frame) for recording in place.recordings("test")]
     played = Stream([Segment(place, 150, 330)])
-    for at, time in enumerate(played.clock.times):
+    for time, scene in scenes_of(played.clock).items():
         frame = 150 + time
         recording = place.recordings("test")[frame // 200]
         now = recording.frame == frames[frame // 200][frame % 200]
         here = {tuple(xy) for xy in recording.xy[now].astype(np.float32).tolist()}
-        assert {tuple(xy) for xy in played.clock.truth_at(at).observation.xy[:, -1].tolist()} <= here
+        assert {tuple(xy) for xy in scene.observation.xy[:, -1].tolist()} <= here
 
 
 @pytest.mark.parametrize(
@@ -118,12 +119,13 @@ def test_what_is_played_is_what_the_segment_shows():
 def test_nobody_is_carried_over_from_one_segment_to_the_next(segments):
     played = Stream([Segment(*segment) for segment in segments])
     seen, starts = {}, np.concatenate([[0], played.ends])
-    for at, time in enumerate(played.clock.times):
+    tracks = played.clock.tracks
+    for time, truth in scenes_of(played.clock).items():
         segment = int(played.segment_at(time))
         assert time >= starts[segment] + HISTORY - 1
-        truth = played.clock.truth_at(at)
+        persons = tracks.agent[(tracks.tick == time) & (tracks.age >= HISTORY - 1)]
         assert time + truth.known.sum(axis=1).max() < played.ends[segment]
-        for identity, person in zip(truth.observation.agent.tolist(), played.clock.persons_at(at), strict=True):
+        for identity, person in zip(truth.observation.agent.tolist(), persons, strict=True):
             assert seen.setdefault(identity, (segment, person)) == (segment, person)
     assert {segment for segment, _ in seen.values()} == set(range(len(segments)))
     people = [{person for s, person in seen.values() if s == segment} for segment in range(len(segments))]
@@ -134,8 +136,8 @@ def test_each_segment_shows_the_features_of_its_domain():
     calm, loud = Street(noise=1.0), Street(noise=64.0)
     played = stream([calm, loud], frames=100)
     seen = {label: set() for label in played.labels}
-    for at, time in enumerate(played.clock.times):
-        history = played.clock.truth_at(at).observation.history
+    for time, scene in scenes_of(played.clock).items():
+        history = scene.observation.history
         seen[played.labels[int(played.segment_at(time))]] |= set(np.unique(history[..., 2]).tolist())
     assert seen == {"street:style=1.0,noise=1.0": {1.0}, "street:style=1.0,noise=64.0": {64.0}}
 
@@ -183,8 +185,9 @@ def test_a_shift_of_a_feature_of_a_real_place(eth_ucy):
     played = stream(["eth:alpha=1", "eth:alpha=64"], frames=200, seed=2)
     assert played.labels == ["eth:alpha=1.0", "eth:alpha=64.0"]
     assert played.segments[0].stop == played.segments[1].start
+    scenes = scenes_of(played.clock).items()
     noise = [
-        np.concatenate([played.clock.truth_at(at).observation.history[..., 2].ravel() for at in part])
-        for part in (np.flatnonzero(played.segment_at(played.clock.times) == s) for s in (0, 1))
+        np.concatenate([s.observation.history[..., 2].ravel() for time, s in scenes if played.segment_at(time) == part])
+        for part in (0, 1)
     ]
     assert noise[1].mean() > 8 * noise[0].mean()

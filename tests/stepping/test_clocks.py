@@ -9,11 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym
-from motion_gym.contract import DataError, Forecast, Observation, Recording, Truth
+from motion_gym.contract import DataError, Forecast, Observation, Recording, SpecError, Truth
 from motion_gym.data.windows import pick_scenes, positions_only, windows_of
 from motion_gym.metrics.errors import ade
-from motion_gym.stepping.clocks import Ledger, Settled, Step, StreamClock, WindowsClock
+from motion_gym.stepping.clocks import Settled, Step
 from motion_gym.stepping.harness import ask
+from motion_gym.stepping.outstanding import Outstanding
+from motion_gym.stepping.stream_clock import StreamClock
+from motion_gym.stepping.windows_clock import WindowsClock
 
 SPELLS = st.sampled_from((1, 7, 8, 9, 12, 19, 20, 22, 30))
 some = settings(max_examples=30, deadline=None)
@@ -49,10 +52,10 @@ class Played:
 
     steps: list[Step] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
-    ledger: Ledger = field(default_factory=Ledger)
+    ledger: Outstanding = field(default_factory=Outstanding)
 
     def settled(self) -> list[Settled]:
-        return [s.settled for s in self.steps]
+        return [s.settled for s in self.steps if s.settled is not None]
 
 
 def play(clock, samples: int = 2) -> Played:
@@ -60,8 +63,8 @@ def play(clock, samples: int = 2) -> Played:
     while True:
         played.steps.append(step)
         played.times.append(clock.time)
-        played.ledger.add(step.settled)
         if not len(step.observation):
+            played.ledger = clock.ledger
             return played
         step = clock.step(Forecast(positions_for(step.identity.tolist(), clock.time, samples)))
 
@@ -98,6 +101,8 @@ def plain_stream(places: list[Recording]) -> list[PlainStep]:
             path.setdefault(agent, []).append(seen[agent])
         errors: dict[int, list[float]] = {}
         for made in outstanding:
+            if made["done"]:
+                continue
             if name_of.get(made["agent"]) == made["name"]:
                 known = path[made["agent"]][-1]
                 point = made["points"][len(made["future"])]
@@ -108,8 +113,10 @@ def plain_stream(places: list[Recording]) -> list[PlainStep]:
                 made["done"] = True
         rewards = [-np.mean(errors[n]) if n in errors else 0.0 for n in steps[-1].names]
         waiting.rewards = [a + b for a, b in zip(waiting.rewards or [0.0] * len(rewards), rewards, strict=True)]
-        waiting.settled += [(m["made"], m["name"], m["agent"], m["future"]) for m in outstanding if m["done"]]
-        outstanding = [m for m in outstanding if not m["done"]]
+        open_scenes = {m["made"] for m in outstanding if not m["done"]}
+        over = [m for m in outstanding if m["made"] not in open_scenes]
+        waiting.settled += [(m["made"], m["name"], m["agent"], m["future"]) for m in over]
+        outstanding = [m for m in outstanding if m["made"] in open_scenes]
         observed = sorted(agent for agent in path if len(path[agent]) >= 8)
         for agent in observed:
             if agent not in name_of:
@@ -148,10 +155,13 @@ def test_stream_rewards_are_those_of_the_definition(places):
 
 @some
 @given(recordings())
-def test_stream_settles_each_forecast_once_and_when_it_is_due(places):
+def test_stream_settles_each_scene_once_and_when_it_is_due(places):
     made = set()
     for step, expected in zip(play(StreamClock(places)).steps, plain_stream(places), strict=True):
         settled = step.settled
+        assert (settled is None) == (not expected.settled)
+        if settled is None:
+            continue
         rows = sorted(expected.settled, key=lambda row: (row[0], row[2]))
         assert settled.made.tolist() == [row[0] for row in rows]
         assert settled.identity.tolist() == [row[1] for row in rows]
@@ -184,9 +194,13 @@ def cut(places: list[Recording], time: int) -> list[Recording]:
 def assert_same_step(one: Step, other: Step) -> None:
     def arrays(step: Step) -> list[np.ndarray]:
         s, o = step.settled, step.observation
+        shown = [o.history, o.scene, o.agent, o.time, step.identity, step.reward]
+        if s is None:
+            return shown
+        seen = s.truth.observation
         return [
-            o.history, o.scene, o.agent, step.identity, step.reward, s.forecast.positions, s.identity, s.person, s.made,
-            s.truth.future, s.truth.known, s.truth.observation.history, s.truth.observation.scene,
+            *shown, s.forecast.positions, s.identity, s.person, s.made, s.truth.future, s.truth.known, seen.history,
+            seen.scene, seen.time,
         ]  # fmt: skip
 
     for a, b in zip(arrays(one), arrays(other), strict=True):
@@ -226,15 +240,16 @@ def test_ids_are_given_as_agents_enter_and_never_return(places):
 @given(recordings())
 def test_matured_forecasts_are_the_windows_of_the_recordings(places):
     played, expected = play(StreamClock(places)), windows_of(places, min_agents=1)
-    if not len(played.ledger):
+    assert played.ledger.settled == played.ledger.matured + played.ledger.censored
+    assert len(played.ledger) == 0, "nothing waits after the end"
+    if not played.ledger.settled:
         assert not len(expected.future)
         return
     assert played.ledger.matured == len(expected.future)
-    assert played.ledger.matured + played.ledger.censored == len(played.ledger)
     _, truth = played.ledger.matured_only()
     for key in ("future", "known"):
         np.testing.assert_array_equal(getattr(truth, key), getattr(expected, key))
-    for key in ("history", "scene", "agent"):
+    for key in ("history", "scene", "agent", "time"):
         np.testing.assert_array_equal(getattr(truth.observation, key), getattr(expected.observation, key))
 
 
@@ -277,9 +292,7 @@ def test_latest_paths_are_the_last_forecasts_of_those_who_stayed(places):
         expected = np.concatenate([np.repeat(last[stayed, None, None], 2, axis=1), positions[stayed]], axis=2)
         if stayed:
             np.testing.assert_allclose(clock.latest_paths(), expected, rtol=1e-6)
-        _, identity, times = clock.outstanding
-        assert set(identity.tolist()) <= set(names)
-        assert all(made - t < 12 for t in times.tolist())
+        assert all(made - stored.made < 12 for stored in clock.ledger)
 
 
 def test_an_agent_lost_for_one_frame_is_a_new_agent_but_the_same_person():
@@ -319,15 +332,15 @@ def test_weights_say_which_sample_is_scored():
 
 
 def test_a_ledger_keeps_weights_and_is_empty_at_first():
-    ledger = Ledger()
-    assert len(ledger) == ledger.matured == ledger.censored == 0
-    with pytest.raises(ValueError, match="empty"):
+    ledger = Outstanding(keep=True)
+    assert ledger.settled == ledger.matured == ledger.censored == 0
+    with pytest.raises(SpecError, match="empty"):
         ledger.read()
     clock = StreamClock([Recording(np.arange(22), np.zeros(22, np.int64), np.zeros((22, 2)), 0.4)])
     step, weights = clock.reset(), np.array([[0.3, 0.7]], np.float32)
     while len(step.observation):
         step = clock.step(Forecast(positions_for(step.identity.tolist(), clock.time), weights))
-        ledger.add(step.settled)
+    ledger = clock.ledger
     assert (ledger.matured, ledger.censored) == (3, 12)
     forecast, _ = ledger.read()
     np.testing.assert_array_equal(forecast.weights, np.repeat(weights, 15, axis=0))
@@ -382,13 +395,12 @@ def test_windows_clock_names_window_and_agent():
 def test_matured_forecasts_of_a_real_stream_score_as_offline(eth_ucy, place):
     domain = motion_gym.domain(place, min_agents=1)
     predictor = motion_gym.predictor("constant_velocity")
-    clock, ledger = StreamClock(domain.recordings("test"), domain.history), Ledger()
+    clock = StreamClock(domain.recordings("test"), domain.history)
     step = clock.reset()
     while len(step.observation):
         step = clock.step(ask(predictor, step.observation))
-        ledger.add(step.settled)
     truth = domain.windows("test")
-    forecast, matured = ledger.matured_only()
+    forecast, matured = clock.ledger.matured_only()
     np.testing.assert_array_equal(matured.observation.scene, truth.observation.scene)
     np.testing.assert_array_equal(matured.observation.agent, truth.observation.agent)
     offline = ade(ask(predictor, truth.observation), truth)

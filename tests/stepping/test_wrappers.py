@@ -11,8 +11,9 @@ from pettingzoo.utils import BaseParallelWrapper
 
 import motion_gym
 from motion_gym.contract import Forecast, Observation, SpecError
-from motion_gym.stepping.gymnasium_env import WindowEnv, WindowVectorEnv
+from motion_gym.stepping.gymnasium_env import WindowEnv
 from motion_gym.stepping.pettingzoo_env import ForecastEnv
+from motion_gym.stepping.vector_env import WindowVectorEnv
 from motion_gym.stepping.wrappers import ScoreParallel, ScoreWindows
 
 SPECS = ["eth:alpha=8", "orca:scenes=20,agents=3,d=0.6"]
@@ -85,7 +86,7 @@ def test_the_stream_scores_its_matured_forecasts_as_evaluate_scores_all_complete
     play_parallel(env)
     whole = f"{spec},min_agents=1" if spec.startswith("eth") else spec
     assert_summaries_equal(env.score(), motion_gym.evaluate(Wobble(), whole, k=2).metrics)
-    assert env.censored == len(env.unwrapped.ledger) - env.score()["ADE"].agent_windows > 0
+    assert env.censored == env.unwrapped.ledger.settled - env.score()["ADE"].agent_windows > 0
 
 
 def test_a_second_episode_is_scored_alone():

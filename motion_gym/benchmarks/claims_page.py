@@ -1,0 +1,65 @@
+"""The page that holds every sentence about results, with its numbers, its test, and whether it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from motion_gym.benchmarks.claims import EVERYWHERE, NOWHERE, Claim, Comparison, Panel, compare, verdict
+from motion_gym.benchmarks.table import Table, p_text
+
+INTRODUCTION = (
+    "Every sentence about results, the numbers behind it, the test, and whether it holds, made from the stored runs. A "
+    "ratio is the mean ADE of a row over the mean ADE of the row that it is compared with. p-values are of two-sided "
+    "paired t-tests over seeds, corrected for the number of distinct tests in each table (Holm). A sentence that does "
+    "not hold is followed by a sentence that does, where there is one."
+)
+
+
+def page(claims: Mapping[str, Sequence[Claim]], panels: Mapping[str, Sequence[Panel]]) -> str:
+    """The page, as Markdown.
+
+    Args:
+        claims: Claims by the name of their benchmark.
+        panels: Panels of stored runs by the name of the benchmark; claims about a benchmark without are not tested.
+    """
+    tables = [verdict_table(name, own, compare(own, panels.get(name, ()))).markdown(2) for name, own in claims.items()]
+    return "\n\n".join(["# Claims", INTRODUCTION, *tables]) + "\n"
+
+
+def verdict_table(title: str, claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> Table:
+    """Every claim, a row each: sentence, numbers, test, and whether it holds."""
+    rows = [[c.sentence, _numbers(c, comparisons), c.test, verdict(c, comparisons)] for c in claims]
+    return Table(title, ["claim", "numbers", "test", "verdict"], rows)
+
+
+def _numbers(claim: Claim, comparisons: Sequence[Comparison]) -> str:
+    """Ratios and p-values of a claim, and where it is not so."""
+    own = [c for c in comparisons if c["sentence"] == claim.sentence]
+    if not own:
+        return "no runs of these rows are stored"
+    ratios = [c["ratio"] for c in own if c["ratio"] is not None]
+    text = f"ratio {_range(map('{:.2f}'.format, sorted(ratios)))}"
+    if claim.each_seed:
+        pairs = (np.broadcast_arrays(c["values"], c["than_values"]) for c in own)
+        text += f" (seeds {_range(map('{:.2f}'.format, sorted(np.concatenate([a / b for a, b in pairs]))))})"
+    kind = "p_corrected" if claim.where == EVERYWHERE else "p"
+    p_values = sorted(c[kind] for c in own if c[kind] is not None)
+    text += f"; p {_range(map(p_text, p_values))}" if claim.significant and p_values else ""
+    off = [c for c in own if c["so"] is (claim.where == NOWHERE)]
+    if off and len(off) < len(own):
+        text += f"; {'but' if claim.where == EVERYWHERE else 'so'} at {'; '.join(map(_place, off[:4]))}"
+        text += f" and {len(off) - 4} more" if len(off) > 4 else ""
+    return text
+
+
+def _place(comparison: Comparison) -> str:
+    ratio = "-" if comparison["ratio"] is None else f"{comparison['ratio']:.2f}"
+    p = comparison["p_corrected"]
+    return f"{comparison['row']}, {comparison['column']} ({ratio}{'' if p is None else f', p {p_text(p)}'})"
+
+
+def _range(texts: Iterable[str]) -> str:
+    several = list(dict.fromkeys(texts))
+    return several[0] if len(several) == 1 else f"{several[0]} to {several[-1]}" if several else "-"

@@ -1,0 +1,72 @@
+"""What several runs on one stream say together: gain, recovery, and growth of the error on return."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from motion_gym.benchmarks.conditions import Result
+from motion_gym.benchmarks.table import number
+from motion_gym.online.scores import BLOCK, PHASE, TRAIL, after_first, gain, recovery, returns_of
+
+
+def gain_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[Result] | None) -> float | None:
+    """Adaptation gain over the segments after the first one, of means over seeds; None without a better oracle."""
+    if oracle is None:
+        return None
+    share = gain(*(float(np.mean([after_first(r) for r in rows])) for rows in (none, results, oracle)))
+    return None if np.isnan(share) else share
+
+
+def first_shift(result: Result) -> dict[str, Any] | None:
+    """The first change of domain, if at least 50 forecasts matured right before it and right after it."""
+    segments = result["segments"]
+    number = next((n for n, s in enumerate(segments) if s["domain"] != segments[0]["domain"]), None)
+    shift = next((s for s in result["shifts"] if s["segment"] == number), None)
+    return None if shift is None or segments[shift["segment"] - 1]["ade"]["agent_windows"] < TRAIL else shift
+
+
+def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str:
+    """When the runs recovered from the first change of domain, as text for a cell.
+
+    The median counts a censored run as infinitely late. ``not stored`` stands for results without block means, and
+    ``-`` where there is no oracle or no such change.
+    """
+    shifts = [first_shift(result) for result in results]
+    levels = [first_shift(result) for result in oracle or ()]
+    pairs = [(mine, theirs) for mine, theirs in zip(shifts, levels, strict=False) if mine and theirs]
+    if not pairs or len(pairs) < len(results):
+        return "-"
+    if not all("blocks" in shift for pair in pairs for shift in pair):
+        return "not stored"
+    if any(len(mine["blocks"]) * BLOCK < PHASE for mine, _ in pairs):
+        return f"censored (phase below {PHASE})"
+    recoveries = [recovery(mine, theirs) for mine, theirs in pairs]
+    there = f"{sum(r is not None for r in recoveries)} of {len(recoveries)}"
+    forecasts, seconds = np.median([r or (np.inf, np.inf) for r in recoveries], axis=0)
+    return f"{forecasts:.0f} ({seconds:.0f} s; {there})" if np.isfinite(forecasts) else f"censored ({there})"
+
+
+def growth_on_return(results: Sequence[Result], none: Sequence[Result]) -> list[float]:
+    """By how much the error of the first domain has grown when it comes back, relative to the growth of ``none``.
+
+    Returns:
+        One value for each seed and return; 0.1 where the error has grown by 10 % more than that of ``none``.
+    """
+
+    def growth(result: Result) -> list[float]:
+        visits = [(s["domain"], s["ade"]["mean"], s["ade"]["agent_windows"]) for s in result["segments"]]
+        own = result["segments"][0]["domain"]
+        return [later / first for domain, first, later in returns_of(visits) if domain == own and first]
+
+    pairs = zip(results, none, strict=True)
+    return [mine / theirs - 1 for r, n in pairs for mine, theirs in zip(growth(r), growth(n), strict=False) if theirs]
+
+
+def on_domain(result: Result, domain: str) -> str:
+    """ADE over all segments of a domain, as text for a cell."""
+    own = [s["ade"] for s in result["segments"] if s["domain"] == domain and s["ade"]["agent_windows"]]
+    total = sum(ade["agent_windows"] for ade in own)
+    return number(sum(ade["mean"] * ade["agent_windows"] for ade in own) / total if total else None)

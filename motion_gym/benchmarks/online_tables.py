@@ -1,0 +1,214 @@
+"""Tables of online adaptation, from the results of runs on streams.
+
+``Rows`` are the results of the seeds by row; rows ``none`` (the predictor that never learns) and, if there is one,
+``oracle`` are among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from motion_gym.benchmarks.claims import Panel
+from motion_gym.benchmarks.conditions import Result, intervals, leaks, measured, unit_of
+from motion_gym.benchmarks.online_scores import first_shift, gain_of, growth_on_return, on_domain, recovered
+from motion_gym.benchmarks.seed_tables import SEEDS, Errors
+from motion_gym.benchmarks.table import Code, Strong, Table, interval, number, span, spread
+from motion_gym.online.evaluation import LABELS
+from motion_gym.online.scores import BLOCK, EVERY, PHASE, TRAIL, after_first
+
+Rows = Mapping[str, Sequence[Result]]
+BASELINE, NONE, ORACLE = "constant_velocity", "none", "oracle"
+MILESTONES = (50, 100, 150, 200, 250, 300)
+"""Matured forecasts after a shift."""
+FEW, MANY = "finetune:parts=modulator", "finetune:parts=all"
+"""Rows of which the first one is claimed to need fewer labels."""
+LEGEND = {
+    "gain": "(none - adapted) / (none - oracle), of the mean ADE after the first shift",
+    "recovered after": f"matured forecasts (and seconds) after the first change of domain, from which on every later "
+    f"block of {BLOCK} forecasts is within 10 % of the oracle's block of the same time; median over runs, with the "
+    f"number of runs that recovered; censored where most runs did not recover before the phase ended, or where the "
+    f"phase has fewer than {PHASE} forecasts",
+    "on return": "by how much more than that of `none` the ADE of the first domain has grown when this domain comes "
+    f"back, where at least {TRAIL} forecasts matured in each visit",
+    "ms per observe": "median / 95th percentile of all calls, including those that only remember",
+    "ms per step": "95th percentile of the update and the forecasts together, on a machine that did other work too",
+}
+
+
+def stream_table(title: str, rows: Rows, settings: Mapping[str, str] | None = None) -> Table:
+    """The table of one kind of stream.
+
+    Args:
+        title: Heading.
+        rows: Results of the seeds by row.
+        settings: Spec of each row, where it is not its name.
+    """
+    everything = [result for results in rows.values() for result in results]
+    ordered = {row: rows[row] for row in sorted(rows, key=lambda row: (row == ORACLE, row not in (BASELINE, NONE)))}
+    names = list(dict.fromkeys(segment["domain"] for segment in everything[0]["segments"]))
+    single = all(len(results) == 1 for results in rows.values())
+    cells = {
+        row: {
+            "ADE [95 %]" if single else "ADE": _ade(results, single),
+            **({f"ADE on {name}": on_domain(results[0], name) for name in names} if single and len(names) > 1 else {}),
+            **_adaptation(results, rows),
+        }
+        for row, results in ordered.items()
+    }
+    columns = list(next(iter(cells.values())))
+    # A single run shows only what can be said of it.
+    told = [name for name in columns if not single or any(cell[name] != "-" for cell in cells.values())]
+    table = [
+        [Code((settings or {}).get(row, row)), *(by_column[name] for name in told)] for row, by_column in cells.items()
+    ]
+    notes = [*stream_notes(everything), *(f"{name}: {text}" for name, text in LEGEND.items() if name in told)]
+    if len(everything[0]["segments"]) > 1 and ORACLE not in rows:
+        notes.append("no oracle was named, so that there is no gain")
+    return Table(title, ["method", *told], table, notes, f"ADE, {unit_of(everything)}, k = 1")
+
+
+def _ade(results: Sequence[Result], single: bool) -> str:
+    return interval(results[0]["ade"]) if single else spread(result["ade"]["mean"] for result in results)
+
+
+def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
+    """Cells about adaptation by the names of their columns."""
+    share = gain_of(results, rows[NONE], rows.get(ORACLE))
+    growth = growth_on_return(results, rows[NONE])
+    update = np.median([r["update_seconds"] for r in results], axis=0) * 1000
+    tick = np.median([r["tick_seconds"][1] for r in results]) * 1000
+    rolled, skipped = (sum(r[name] for r in results) for name in ("rolled_back", "skipped"))
+    updates = f"{np.mean([r['updates'] for r in results]):.0f}" + (f" ({rolled} taken back)" if rolled else "")
+    updates += f" ({skipped} skipped)" if any(r["realtime"] for r in results) else ""
+    several = len(results[0]["segments"]) > 1
+    return {
+        "ADE after the first shift": spread(after_first(r) for r in results) if several else "-",
+        "gain": "-" if share is None else f"{share:.2f}",
+        "recovered after": recovered(results, rows.get(ORACLE)),
+        "on return": f"{100 * np.mean(growth):+.1f} %" if growth else "-",
+        "updates": updates,
+        "ms per observe": f"{update[0]:.1f} / {update[1]:.1f}" if results[0]["updates"] else "-",
+        "ms per step": f"{tick:.1f}",
+    }
+
+
+def stream_notes(results: Sequence[Result]) -> list[str]:
+    """What is true of all rows of a stream."""
+    first = results[0]
+    matured, agents = (span(r["ade"][name] for r in results) for name in ("agent_windows", "agents"))
+    single = len({r["row"] for r in results}) == len(results)
+    return [
+        f"protocol honest, k = 1; {measured(results)}; {matured} matured forecasts of {agents} agents, "
+        f"{span(r['censored'] for r in results)} censored (their agents left before the horizon)",
+        intervals(results) if single else SEEDS,
+        f"labels {first['labels']}: {LABELS[first['labels']]}; reset for each {first['scope']}",
+        *leaks(results),
+    ]
+
+
+def choice_table(where: str, weights: str, tried: Mapping[str, Mapping[str, float]]) -> Table:
+    """Which settings were tried on the shift among sources, and which are best.
+
+    Args:
+        where: The domains of that shift.
+        weights: Weights of the predictor there.
+        tried: ADE by row and spec; the row ``none`` has one value.
+    """
+    rows = []
+    for row, values in tried.items():
+        if row != NONE:
+            best = min(values, key=lambda spec: values[spec])
+            others = "; ".join(f"{_further(row, spec)}: {number(values[spec])}" for spec in values if spec != best)
+            rows.append([Code(row), _further(row, best), Strong(number(values[best])), others or "-"])
+    caption = (
+        f"ADE, mean of both segments of {where} (weights {weights}, seed 0), where the row `none` has "
+        f"{number(tried[NONE][NONE])}. The settings with the lowest ADE are taken."
+    )
+    return Table("Choice of settings", ["row", "chosen", "ADE", "other settings: ADE"], rows, (), caption)
+
+
+def milestones_table(title: str, rows: Rows) -> Table:
+    """ADE over the last forecasts after so many labels from the first shift."""
+    everything = [result for results in rows.values() for result in results]
+    table = [
+        [Code(row), *(spread(at) if at else "-" for at in _at_milestones(rs).values())] for row, rs in rows.items()
+    ]
+    caption = f"ADE, {unit_of(everything)}, over the last {TRAIL} forecasts after so many have matured since the shift"
+    notes = [fewer_labels(rows, FEW, MANY)] if {FEW, MANY} <= rows.keys() else []
+    return Table(title, ["method", *map(str, MILESTONES)], table, notes, caption)
+
+
+def fewer_labels(rows: Rows, few: str, many: str) -> str:
+    """At how many numbers of labels after the shift one row has the lower trailing mean than another, over seeds."""
+    first, second = (
+        np.mean([[ade for _, _, ade in r["shifts"][0]["after"]] for r in rows[row]], axis=0) for row in (few, many)
+    )
+    return (
+        f"the error of {few} is below that of {many} at {int((first < second).sum())} of {len(first)} numbers of "
+        f"labels after the shift (every {EVERY} from {TRAIL} on)"
+    )
+
+
+def summary_table(titles: Mapping[str, str], sudden: Mapping[str, Rows]) -> Table:
+    """Errors after a sudden shift and the gain, a column for each sort of shift.
+
+    Args:
+        titles: Heading of each sort of shift.
+        sudden: Rows of its sudden stream, by the same names.
+    """
+    cells: dict[str, dict[str, str]] = {}
+    for name, rows in sudden.items():
+        for row, results in rows.items():
+            share = gain_of(results, rows[NONE], rows[ORACLE])
+            after = spread(after_first(result) for result in results)
+            told = after if share is None or row in (NONE, ORACLE) else f"{after} ({share:.2f})"
+            cells.setdefault(row.replace(",every=4", ""), {})[name] = told
+    order = sorted(cells, key=lambda row: (row == ORACLE, row not in (BASELINE, NONE)))
+    rows_of_cells = [[Code(row), *(cells[row].get(name, "-") for name in titles)] for row in order]
+    everything = {name: [r for results in rows.values() for r in results] for name, rows in sudden.items()}
+    together = [result for results in everything.values() for result in results]
+    notes = [f"{title}: {stream_notes(everything[name])[0]}" for name, title in titles.items()]
+    notes += [SEEDS, f"gain: {LEGEND['gain']}", "settings were chosen on another shift, on frames that are not scored"]
+    caption = f"ADE, {unit_of(together)}, k = 1 (adaptation gain)"
+    return Table("After a sudden shift", ["method", *titles.values()], rows_of_cells, notes, caption)
+
+
+def shift_panel(name: str, title: str, kinds: Mapping[str, Rows]) -> Panel:
+    """Errors of one sort of shift for claims.
+
+    Columns are the kinds of stream (ADE after the first shift), ``on return`` (growth of the error of the first domain
+    when it comes back, of the recurring stream), and for the sudden stream ``last 50 at N`` and ``from 90 on`` (mean
+    of consecutive trailing means after the 90th matured forecast).
+    """
+    errors: Errors = {}
+    for kind, rows in kinds.items():
+        for row, results in rows.items():
+            errors[row, kind] = np.array([after_first(result) for result in results])
+            growth = growth_on_return(results, rows[NONE])
+            if growth:
+                errors[row, "on return"] = 1 + np.array(growth)
+            if kind == "sudden":
+                errors |= {(row, f"last {TRAIL} at {n}"): np.array(a) for n, a in _at_milestones(results).items() if a}
+                errors[row, "from 90 on"] = np.array([_after(result, 90 + TRAIL) for result in results])
+    return Panel(name, errors, tuple(kinds), title)
+
+
+def _after(result: Result, start: int) -> float:
+    """Mean of the trailing means at ``start`` and every 50 forecasts later; they do not overlap."""
+    after = [
+        ade for n, _, ade in (first_shift(result) or {"after": []})["after"] if (n - start) % TRAIL == 0 <= n - start
+    ]
+    return float(np.mean(after)) if after else float("nan")
+
+
+def _at_milestones(results: Sequence[Result]) -> dict[int, list[float]]:
+    """Trailing means of the seeds at each milestone; none where a seed has none."""
+    after = [{int(n): ade for n, _, ade in (first_shift(r) or {"after": []})["after"]} for r in results]
+    return {n: [by_count[n] for by_count in after] if all(n in a for a in after) else [] for n in MILESTONES}
+
+
+def _further(row: str, spec: str) -> str:
+    """What a spec has beyond that of its row."""
+    return spec[len(row) :].lstrip(":,") or "defaults"

@@ -1,0 +1,209 @@
+"""What benchmarks compute besides scores. Each function takes JSON values and returns a dict of JSON values.
+
+A study is computed once and stored; ``study_tables`` and ``figures`` show what is stored and compute nothing. Lengths
+are in the unit of the domain, positions [agents, steps, 2] in world coordinates.
+"""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from motion_gym import catalog
+from motion_gym.contract import FUTURE, Domain, SpecError, Truth
+from motion_gym.data.domains import spec_of, training_set
+from motion_gym.data.windows import pick_scenes
+from motion_gym.metrics.errors import score
+from motion_gym.stepping.harness import ask, ready, tell
+
+COUNTS = (0, 1, 4, 16, 64, 256)
+"""Numbers of reference scenes from which a style is read."""
+STEPS = (0, 3, 10, 30)
+"""Numbers of refinement steps."""
+REFERENCES = 64
+"""Reference scenes towards whose style a forecast is refined."""
+DRAWN_AGENTS = (3, 6)
+"""Fewest and most agents of a scene that is drawn."""
+
+Study = dict[str, Any]
+"""A stored study."""
+
+
+def by_references(rows: Sequence[str], weights: str, domains: Mapping[str, str]) -> Study:
+    """How the error falls with the number of reference scenes that the style is read from.
+
+    Args:
+        rows: Predictors with ``observe``.
+        weights: Name of their weights.
+        domains: Specs of the domains by their names in the table.
+
+    Returns:
+        ``counts``: numbers of reference scenes; ``seeds``: seeds of the weights, each with reference scenes of its
+        own; ``ade``: name of the domain -> row -> [counts][seeds] mean ADE at k = 1; ``unit`` and ``dt``.
+    """
+    ade: dict[str, dict[str, list[list[float]]]] = {}
+    seeds: list[int] = []
+    for name, spec in domains.items():
+        domain = catalog.domain(spec)
+        truth, reference = domain.windows("test"), domain.reference()
+        for row in rows:
+            seeds = _seeds_of(row, weights)
+            predictors: list[Any] = [ready(_weighted(row, weights, seed), domain) for seed in seeds]
+            ade.setdefault(name, {})[row] = [
+                [_error_after(p, reference, count, seed, truth) for p, seed in zip(predictors, seeds, strict=True)]
+                for count in COUNTS
+            ]
+    return {"counts": list(COUNTS), "seeds": seeds, "ade": ade, **_measure(domain.card)}
+
+
+def _error_after(predictor: Any, reference: Truth, count: int, seed: int, truth: Truth) -> float:
+    """Mean ADE after a predictor was shown some reference scenes, drawn with a seed."""
+    drawn = np.random.default_rng(seed).permutation(reference.observation.scenes)[:count]
+    predictor.reset()
+    tell(predictor, pick_scenes(reference, drawn))
+    return _ade(predictor, truth)
+
+
+def left_out(rows: Sequence[str], domain: str | Domain) -> Study:
+    """Leave-one-source-out: fit to the train windows of all sources but one, score on the source that is left out.
+
+    Nothing of the domain itself is looked at but what its sources are.
+
+    Args:
+        rows: Specs of predictors that are fitted in closed form.
+        domain: The domain that they are to be tested on later.
+
+    Returns:
+        ``ade``: row -> source -> mean ADE at k = 1 on the validation windows of that source, and ``mean`` over the
+        sources; ``chosen``: the row with the lowest mean; ``unit`` and ``dt``.
+    """
+    place = catalog.domain(domain)
+    sources = place.sources()  # type: ignore[attr-defined]
+    train, validation = training_set(place)
+    ade: dict[str, dict[str, float]] = {}
+    for row in rows:
+        errors = {}
+        for out, source in enumerate(sources):
+            predictor: Any = catalog.predictor(row)
+            others = [[truth for i, truth in enumerate(part) if i != out] for part in (train, validation)]
+            predictor.fit(*others, 0)
+            errors[spec_of(source)] = _ade(predictor, validation[out])
+        ade[row] = {**errors, "mean": float(np.mean(list(errors.values())))}
+    return {"ade": ade, "chosen": min(ade, key=lambda row: ade[row]["mean"]), **_measure(place.card)}
+
+
+def one_scene(place: str, alphas: Sequence[float], rows: Sequence[str], weights: str) -> Study:
+    """Forecasts of one scene by several predictors at several alphas.
+
+    The scene is that of three to six agents who leave their straight way most (the largest final error of constant
+    velocity), so that there is something to see.
+
+    Args:
+        place: Domain with the parameter alpha.
+        alphas: Values of alpha.
+        rows: Predictors.
+        weights: Name of the weights of those rows that have some.
+
+    Returns:
+        ``history`` and ``future`` of the scene; ``panels``: heading -> row -> most likely forecast; ``unit`` and
+        ``dt``.
+    """
+    truth = catalog.domain(place, alpha=alphas[0]).windows("test")
+    number = _scene_of_turns(truth)
+    panels: dict[str, dict[str, Any]] = {}
+    for alpha in alphas:
+        domain = catalog.domain(place, alpha=alpha)
+        scene = pick_scenes(domain.windows("test"), [number])
+        for row in rows:
+            predictor = ready(_weighted(row, weights), domain)
+            forecast = ask(predictor, scene.observation).most_likely()
+            panels.setdefault(f"alpha = {alpha:g}", {})[row] = _rounded(forecast)
+    return {**_drawn(pick_scenes(truth, [number])), "panels": panels, **_measure(domain.card)}
+
+
+def two_agents(row: str, weights: str, right: str, wrong: str) -> Study:
+    """Forecasts of one scene as they are refined towards references of its own style and of another style.
+
+    Forecasts begin in the mean style of training. The scene is the one in the middle by how close its agents come to
+    each other in that forecast.
+
+    Args:
+        row: Predictor that is refined.
+        weights: Name of its weights; the first seed is taken.
+        right: Domain of the scene, of two agents.
+        wrong: Domain of another style.
+
+    Returns:
+        ``history`` and ``future`` of the scene; ``panels``: heading -> number of steps -> forecast; ``unit`` and
+        ``dt``.
+    """
+    domain = catalog.domain(right)
+    truth = domain.windows("test")
+    of = _weighted(row, weights, _seeds_of(row, weights)[0])
+
+    def forecast(style: str, steps: int, scenes: Truth) -> np.ndarray:
+        predictor: Any = catalog.predictor("refine", of=of, steps=steps)
+        predictor.observe(pick_scenes(catalog.domain(style).reference(), slice(0, REFERENCES)))
+        predictor.inner.reset()
+        return ask(predictor, scenes.observation).most_likely()
+
+    unrefined = forecast(right, 0, truth).reshape(-1, 2, FUTURE, 2)
+    closest = np.linalg.norm(unrefined[:, 1] - unrefined[:, 0], axis=-1).min(axis=1)
+    scene = pick_scenes(truth, [int(np.argsort(closest)[len(closest) // 2])])
+    panels = {
+        f"towards scenes of {style} (the scene is of {right})": {
+            f"{steps} steps": _rounded(forecast(style, steps, scene)) for steps in STEPS
+        }
+        for style in (right, wrong)
+    }
+    return {**_drawn(scene), "panels": panels, **_measure(domain.card)}
+
+
+def _seeds_of(row: str, weights: str) -> list[int]:
+    """Seeds of the shipped weights of a row."""
+    from motion_gym.training.weight_files import locate, read
+
+    name = getattr(catalog.predictor(row), "weights_name", row)
+    return list(read(locate(weights, name))[1]["seeds"])
+
+
+def _weighted(row: str, weights: str, seed: int | None = None) -> str:
+    """The spec of a row with weights where it takes some, and with their seed."""
+    name, parameters = catalog.parse_spec(row)
+    takes = "weights" in inspect.signature(type(catalog.predictor(row))).parameters
+    more: dict[str, Any] = {"weights": weights} if takes else {}
+    return catalog.format_spec(name, {**parameters, **more, **({} if seed is None else {"seed": seed})})
+
+
+def _ade(predictor: Any, truth: Truth) -> float:
+    return float(np.mean(score(ask(predictor, truth.observation), truth)["ADE"]))
+
+
+def _measure(card: Any) -> Study:
+    return {"unit": card.unit, "dt": card.dt}
+
+
+def _drawn(scene: Truth) -> Study:
+    return {"history": _rounded(scene.observation.xy), "future": _rounded(scene.future)}
+
+
+def _rounded(positions: np.ndarray) -> list[Any]:
+    """Positions to 0.1 mm, as a figure needs no more."""
+    return np.round(positions.astype(float), 4).tolist()  # type: ignore[no-any-return]
+
+
+def _scene_of_turns(truth: Truth) -> int:
+    """Number of the scene of three to six agents whose mean final error of constant velocity is the largest."""
+    xy, scene = truth.observation.xy, truth.observation.scene
+    straight = xy[:, -1] + FUTURE * (xy[:, -1] - xy[:, -2])
+    off = np.linalg.norm(truth.future[:, -1] - straight, axis=-1)
+    sizes, fewest, most = np.diff(scene), *DRAWN_AGENTS
+    turned = np.array([off[a:b].mean() for a, b in itertools.pairwise(scene)])
+    fits = (sizes >= fewest) & (sizes <= most)
+    if not fits.any():
+        raise SpecError(f"No scene of {fewest} to {most} agents to draw: choose another domain.")
+    return int(np.where(fits, turned, -1).argmax())

@@ -1,0 +1,197 @@
+"""What comes out of scoring: one card for one predictor on one domain, and one for several seeds of its weights."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motion_gym.catalog import suggest
+from motion_gym.contract import FUTURE, Card, SpecError, Truth
+from motion_gym.metrics.bootstrap import Difference, Summary, paired_difference
+from motion_gym.metrics.errors import metric_rows
+from motion_gym.scoring.cards import in_json
+
+BASELINE = "constant_velocity"
+
+
+@dataclass(frozen=True, eq=False)
+class Scorecard:
+    """What came out, and how.
+
+    Attributes:
+        predictor: Name or spec.
+        domain: Card of the domain.
+        spec: The domain in short.
+        split: Split that was scored.
+        protocol: ``honest`` or ``paper``.
+        k: Number of samples that were asked for.
+        samples: Samples that the predictor gave; 1 of a deterministic one stands for all k.
+        seed: Seed of a stochastic predictor's samples, and of the fit.
+        metrics: Mean, interval and counts by name.
+        horizon: [12] mean error of the most likely sample by future step, in the domain's unit.
+        versus_baseline: Paired difference of ADE and FDE from constant velocity (negative is better).
+        oracle: Whether the predictor is told what no forecaster can know.
+        leaks: What reads the future on purpose: side channels of the domain, leaks of the protocol.
+        scored: Which agents were scored, how many, and how many the recordings hold.
+        selection: How the weights were selected.
+        reference_scenes: Reference scenes that the predictor saw.
+        reference_draws: Draws of that many reference scenes that the means and intervals are over.
+        shots: Scenes of the training split of the domain that the predictor was tuned on, or read a style from.
+        weights_seed: Seed of the weights, where they hold one or several seeds.
+        verified: How it was verified that forecasts do not depend on later scenes.
+        seconds: Wall time of the forecasts, fitting not included.
+        peak_memory: Bytes, of the whole process so far.
+        values: [A] values per agent-window by name of the metric, means over the draws; not written to files.
+        truth: What was scored; not written to files.
+    """
+
+    predictor: str
+    domain: Card
+    spec: str
+    split: str
+    protocol: str
+    k: int
+    samples: int
+    seed: int
+    metrics: Mapping[str, Summary]
+    horizon: list[float]
+    versus_baseline: Mapping[str, Difference]
+    oracle: bool
+    leaks: tuple[str, ...]
+    scored: str
+    selection: str
+    reference_scenes: int
+    reference_draws: int
+    shots: int
+    weights_seed: int | None
+    verified: str
+    seconds: float
+    peak_memory: int
+    values: Mapping[str, np.ndarray]
+    truth: Truth
+
+    @property
+    def ade(self) -> Summary:
+        """Average displacement error of the most likely sample."""
+        return self.metrics["ADE"]
+
+    @property
+    def fde(self) -> Summary:
+        """Final displacement error of the most likely sample."""
+        return self.metrics["FDE"]
+
+    @property
+    def horizon_seconds(self) -> float:
+        """Seconds from the last observed step to the last forecast step."""
+        return round(FUTURE * self.domain.dt, 6)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it in JSON types, except the values per agent; NaN becomes None."""
+        plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("values", "truth")}
+        plain |= {"unit": self.domain.unit, "dt": self.domain.dt, "horizon_seconds": self.horizon_seconds}
+        units = {row.name: row for row in metric_rows(self.k, self.domain.unit)}
+        plain["domain"] = dataclasses.asdict(self.domain)
+        plain["aggregation"] = (
+            "mean over agent-windows; ADE, FDE and MR_2m of the most likely sample; min*: best sample of each agent; "
+            "J*: best sample of each scene; intervals: 95 %, bootstrap of whole agents and of the draws of reference "
+            "scenes"
+        )
+        plain["metrics"] = {
+            name: {
+                **dataclasses.asdict(s),
+                "unit": units[name].unit,
+                "lower_is_better": units[name].lower_is_better,
+            }
+            for name, s in self.metrics.items()
+        }
+        plain["versus_baseline"] = {
+            "baseline": BASELINE,
+            **{name: dataclasses.asdict(d) for name, d in self.versus_baseline.items()},
+        }
+        return in_json(plain)  # type: ignore[no-any-return]
+
+    def __str__(self) -> str:
+        unit, seed = self.domain.unit, "" if self.weights_seed is None else f" (weights of seed {self.weights_seed})"
+        default = ", the default of the paper protocol" if (self.protocol, self.k) == ("paper", 20) else ""
+        return (
+            f"{self.predictor}{seed} on {self.spec}: "
+            f"ADE {self.ade.mean:.3f} [{self.ade.low:.3f}, {self.ade.high:.3f}] {unit}, "
+            f"FDE {self.fde.mean:.3f} [{self.fde.low:.3f}, {self.fde.high:.3f}] {unit}, "
+            f"horizon {self.horizon_seconds:g} s in steps of {self.domain.dt:g} s, k = {self.k}{default}, "
+            f"protocol {self.protocol}, {self.ade.agent_windows} agent-windows of {self.ade.agents} agents in "
+            f"{self.ade.scenes} scenes; {self.verified}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SeedsCard:
+    """The scores of one predictor with the weights of several seeds.
+
+    Attributes:
+        cards: Scorecard of each seed of the weights.
+    """
+
+    cards: Mapping[int, Scorecard]
+
+    @property
+    def mean(self) -> dict[str, float]:
+        """Mean over the seeds by name of the metric."""
+        return {name: float(np.mean(values)) for name, values in self._by_seed().items()}
+
+    @property
+    def standard_error(self) -> dict[str, float]:
+        """Standard error of that mean by name of the metric; NaN for one seed."""
+        spread = {name: np.std(v, ddof=1) if len(v) > 1 else np.nan for name, v in self._by_seed().items()}
+        return {name: float(s) / np.sqrt(len(self.cards)) for name, s in spread.items()}
+
+    def __str__(self) -> str:
+        first = next(iter(self.cards.values()))
+        parts = (f"{m} {self.mean[m]:.3f} +- {self.standard_error[m]:.3f} {first.domain.unit}" for m in ("ADE", "FDE"))
+        seeds = ", ".join(map(str, self.cards))
+        return f"{first.predictor} on {first.spec}: {', '.join(parts)} (standard error over seeds {seeds})"
+
+    def _by_seed(self) -> dict[str, list[float]]:
+        names = next(iter(self.cards.values())).metrics
+        return {name: [card.metrics[name].mean for card in self.cards.values()] for name in names}
+
+
+def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
+    """Paired, clustered difference a - b of one metric; both cards must be about the same agent-windows.
+
+    Raises:
+        SpecError: the cards are about different windows, or lack the metric.
+    """
+    if not np.array_equal(a.truth.future, b.truth.future):
+        raise SpecError("The two scorecards are about different windows: compare predictors on one domain and split.")
+    for card in (a, b):
+        if metric not in card.values:
+            raise SpecError(f"The scorecard of {card.predictor} has no `{metric}`.{suggest(metric, card.values)}")
+    return paired_difference(a.values[metric], b.values[metric], a.truth.observation.agent)
+
+
+def who_was_scored(truth: Truth, recorded: Mapping[str, int]) -> str:
+    """Which agents were scored, as the truth itself says, and how many of those in the recordings.
+
+    Args:
+        truth: What was scored.
+        recorded: Counts of the split, with those of the recordings.
+    """
+    least = int(np.diff(truth.observation.scene).min())
+    complete = "agents complete over all 20 steps" if truth.known.all() else "agents, also those who left early"
+    said = complete + (f", at least {least} in every window" if least > 1 else "")
+    if "recorded_agent_windows" not in recorded:
+        return said
+    agents = len(np.unique(truth.observation.agent))
+    return (
+        f"{said}: {len(truth.future)} of the {recorded['recorded_agent_windows']} agent-windows and {agents} of the "
+        f"{recorded['recorded_agents']} agents of the recordings"
+    )
+
+
+def common_seeds(cards: Sequence[Scorecard]) -> SeedsCard:
+    """The card of several seeds, by the seed of their weights."""
+    return SeedsCard({card.seed if card.weights_seed is None else card.weights_seed: card for card in cards})

@@ -1,0 +1,87 @@
+"""The windows of a split as arrays of equal size, for the Gymnasium environments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from motion_gym import catalog
+from motion_gym.contract import MOST_SAMPLES, ActionError, Domain, SpecError
+from motion_gym.metrics.errors import distance, mean_over_known
+from motion_gym.stepping.actions import action_space
+from motion_gym.stepping.harness import windows_of_domain
+
+
+class Padded:
+    """The windows of a split as arrays of equal size.
+
+    Args:
+        domain: A name, a spec, ``"module:Class"`` or a domain.
+        split: Which split.
+        max_agents: Rows of an observation; by default those of the largest window.
+        samples: K.
+        **parameters: Parameters of the domain.
+    """
+
+    def __init__(self, domain: str | Domain, split: str, max_agents: int | None, samples: int, **parameters: Any):
+        self.domain = catalog.domain(domain, **parameters)
+        self.truth = windows_of_domain(self.domain, split)
+        self.sizes = np.diff(self.truth.observation.scene)
+        if not len(self.sizes):
+            raise SpecError(f"Split `{split}` of `{self.domain!r}` has no window to play.")
+        samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
+        if max_agents is not None:
+            max_agents = catalog.whole_number("max_agents", max_agents, 1, 10_000)
+        largest = int(self.sizes.max())
+        if max_agents is not None and max_agents < largest:
+            raise SpecError(
+                f"`max_agents={max_agents}` is too small: a window of `{self.domain.card.name}` has {largest} agents. "
+                f"Leave max_agents out, or give {largest} or more."
+            )
+        self.samples, self.max_agents = samples, max_agents or largest
+        # Padded once, so that a step only picks rows.
+        self.mask = np.arange(self.max_agents) < self.sizes[:, None]
+        self.history = self._pad(self.truth.observation.history)
+        self.future = self._pad(self.truth.future)
+        self.known = self._pad(self.truth.known)
+        self.observation_space = gymnasium.spaces.Dict(
+            history=gymnasium.spaces.Box(-np.inf, np.inf, self.history.shape[1:], np.float32),
+            mask=gymnasium.spaces.MultiBinary(self.max_agents),
+        )
+        self.action_space = action_space(self.max_agents, samples)
+
+    def observe(self, windows: np.ndarray) -> dict[str, np.ndarray]:
+        """History [N, max_agents, 8, F] and mask [N, max_agents] of the given windows."""
+        return {"history": self.history[windows], "mask": self.mask[windows].astype(np.int8)}
+
+    def score(self, windows: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Score [N, max_agents, K, 12, 2] forecasts.
+
+        Returns:
+            Reward [N], minus the mean ADE, and what is revealed: future [N, max_agents, 12, 2], known
+            [N, max_agents, 12] and ade [N, max_agents], 0 where the mask is 0.
+
+        Raises:
+            ActionError: a forecast of an agent whose mask is 1 is not finite.
+        """
+        mask, future, known = self.mask[windows], self.future[windows], self.known[windows]
+        with np.errstate(invalid="ignore", over="ignore"):  # Where the mask is 0 there may be anything.
+            finite = np.isfinite(actions.sum())
+            error = distance(actions[:, :, 0].astype(np.float64) - future)
+        if not finite:
+            bad = np.argwhere(mask & ~np.isfinite(actions).all(axis=(2, 3, 4)))
+            if len(bad):
+                raise ActionError(
+                    f"The action has NaN or infinite positions in row {bad[0, 1]} of window {windows[bad[0, 0]]}; "
+                    "where the mask is 1, every position must be finite."
+                )
+        ade = np.where(mask, mean_over_known(error, known), 0.0)
+        reward = -ade.sum(axis=1) / np.maximum(mask.sum(axis=1), 1)
+        return reward, {"future": future, "known": known, "ade": ade}
+
+    def _pad(self, rows: np.ndarray) -> np.ndarray:
+        padded = np.zeros((*self.mask.shape, *rows.shape[1:]), rows.dtype)
+        padded[self.mask] = rows
+        return padded

@@ -1,0 +1,181 @@
+"""The stream clock: each step is one listed frame, and ground truth is revealed when it has happened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from motion_gym.contract import FUTURE, HISTORY, DataError, Forecast, Observation, Recording, Truth
+from motion_gym.data.windows import Features, Tracks, positions_only
+from motion_gym.metrics.errors import distance
+from motion_gym.stepping.clocks import Settled, Step, extent_of
+from motion_gym.stepping.outstanding import Outstanding
+
+_NOBODY = Recording(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), 0.4)
+_NO_ROWS = np.zeros(0, np.int64)
+_AHEAD = np.arange(1, FUTURE + 1)
+
+
+class StreamClock:
+    """Each step is one listed frame; an agent is one unbroken track, from its 8th frame until it leaves.
+
+    Frames at which nobody has 8 observed frames are passed over. An agent that is found again is a new one. The ground
+    truth of a scene is revealed once, after its last forecast step or when its last agent is known to have left.
+
+    Args:
+        recordings: Replayed one after another.
+        features: Gives the history of each agent (a domain's ``history``): one for all recordings, or one for each.
+        keep: Whether the ledger keeps settled forecasts; otherwise memory stays bounded.
+
+    Attributes:
+        times: [T] the listed frames at which somebody is observed, counted over all recordings.
+        count: Number of forecasts of one agent in a whole episode.
+
+    Raises:
+        DataError: the recordings have different time steps.
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording],
+        features: Features | Sequence[Features] = positions_only,
+        keep: bool = True,
+    ):
+        parts = [Tracks.of(recording) for recording in recordings] or [Tracks.of(_NOBODY)]
+        if len(steps := {p.dt for p in parts}) > 1:
+            raise DataError(f"Recordings of one stream have the same step, but these have dt {sorted(steps)} seconds.")
+        ticks = np.cumsum([0] + [p.ticks for p in parts])
+        counts = np.cumsum([0] + [int(p.track.max(initial=-1)) + 1 for p in parts])
+        shifts = np.cumsum([0] + [int(p.agent.max(initial=-1)) + 1 for p in parts])
+        join = np.concatenate
+        self.dt = parts[0].dt
+        self.tracks = Tracks(
+            join([p.tick + t for p, t in zip(parts, ticks, strict=False)]),
+            join([p.track + c for p, c in zip(parts, counts, strict=False)]),
+            join([p.agent + s for p, s in zip(parts, shifts, strict=False)]),
+            join([p.xy for p in parts]),
+            join([p.age for p in parts]),
+            join([p.left for p in parts]),
+            int(ticks[-1]),
+            self.dt,
+        )
+        self._features = [features] * len(parts) if callable(features) else list(features)
+        self._ends = ticks[1:]
+        observable = np.flatnonzero(self.tracks.age >= HISTORY - 1)
+        observable = observable[np.argsort(self.tracks.tick[observable], kind="stable")]
+        self.times, start = np.unique(self.tracks.tick[observable], return_index=True)
+        self.count = len(observable)
+        rows = np.split(observable, start[1:]) if len(observable) else []
+        self._rows = dict(zip(self.times.tolist(), rows, strict=True))
+        # Numbered as they enter: a number that counted those yet to come would tell the future.
+        _, first, identity = np.unique(self.tracks.track[observable], return_index=True, return_inverse=True)
+        self.size = len(first)
+        self._identity = np.full(len(self.tracks.tick), -1)
+        self._identity[observable] = np.argsort(np.argsort(first))[identity]
+        self._place = np.zeros(self.size, np.int64)
+        self.keep = keep
+        self.reset()
+
+    @property
+    def extent(self) -> np.ndarray:
+        """[2, 2], lowest and highest x and y."""
+        return extent_of(self.tracks.xy)
+
+    def name(self, identity: int) -> str:
+        """``agent_N``."""
+        return f"agent_{identity}"
+
+    @property
+    def time(self) -> int:
+        """Listed frames since the first, over all recordings."""
+        return int(self.times[self.at]) if self.at < len(self.times) else self.tracks.ticks
+
+    def reset(self) -> Step:
+        """Go to the first frame at which somebody is observed, with an empty ledger."""
+        return self.resume(0, Outstanding(self.keep))
+
+    def resume(self, at: int, ledger: Outstanding) -> Step:
+        """Go to ``times[at]`` with the ledger that this clock had there; the step reveals what is observed."""
+        self.at, self.ledger = at, ledger
+        return self._step(np.zeros(0), None)
+
+    def step(self, forecast: Forecast) -> Step:
+        """Store the forecasts, go on to the next frame at which somebody is observed, and reveal what happened."""
+        self.ledger.store(self.time, self._observation, forecast)
+        # Where frames are passed over, all agents have left at the first of them: nothing happens in the others.
+        after = self.time + 1
+        reward = self._reward(after)
+        settled = self._settle(after)
+        self.at += 1
+        return self._step(reward, settled)
+
+    def so_far(self) -> Truth | None:
+        """The ground truth, as far as it has happened, of all scenes that wait; None if none waits."""
+        times = [stored.made for stored in self.ledger]
+        if not times:
+            return None
+        rows = [self._rows[made] for made in times]
+        row = np.concatenate(rows)
+        until = self.time - np.repeat(times, [len(own) for own in rows])
+        return self.ledger.so_far(times, *self._future(row, until))
+
+    def latest_paths(self) -> np.ndarray:
+        """[A, K, 13, 2], the most recent outstanding forecasts, each from the position it started at."""
+        waiting = list(self.ledger)
+        if not waiting:
+            return np.zeros((0, 1, FUTURE + 1, 2))
+        rows, positions = self._rows[waiting[-1].made], waiting[-1].forecast.positions
+        here = self.tracks.left[rows] >= self.time - waiting[-1].made
+        start = np.broadcast_to(self.tracks.xy[rows, None, None], (*positions.shape[:2], 1, 2))
+        return np.concatenate([start, positions], axis=2)[here]
+
+    def _step(self, reward: np.ndarray, settled: Settled | None) -> Step:
+        now = self.time
+        rows = self._rows.get(now, _NO_ROWS)
+        # All rows are of one recording.
+        recording = int(np.searchsorted(self._ends, now, side="right")) if len(rows) else 0
+        history = self._features[recording](*self.tracks.around(rows)).astype(np.float32)
+        scene, time = (np.array([0, len(rows)]), np.array([now])) if len(rows) else (np.zeros(1, np.int64), rows)
+        identity = self._identity[rows]
+        self._observation = Observation(history, scene, identity, self.dt, time)
+        return Step(self._observation, identity, reward, settled)
+
+    def _reward(self, now: int) -> np.ndarray:
+        """[A] for the agents observed at the last step; see ``Step``."""
+        waiting = list(self.ledger)
+        parts = [self._rows[stored.made] for stored in waiting]
+        before = self._identity[parts[-1]]
+        self._place[before] = np.arange(len(before))
+        rows, ahead = np.concatenate(parts), np.repeat([now - s.made for s in waiting], [len(p) for p in parts])
+        points = np.concatenate([s.forecast.most_likely()[:, now - s.made - 1] for s in waiting])
+        here = self.tracks.left[rows] >= ahead
+        rows = rows[here]
+        error = distance(points[here] - self.tracks.xy[rows + ahead[here]])
+        owner = self._place[self._identity[rows]]
+        count = np.bincount(owner, minlength=len(before))
+        return -np.bincount(owner, error, minlength=len(before)) / np.maximum(count, 1)
+
+    def _settle(self, now: int) -> Settled | None:
+        """Settle the scenes of which everything is known; these are the oldest."""
+        times, rows = [], []
+        for stored in self.ledger:
+            own = self._rows[stored.made]
+            # An agent is known to have left at the step at which it is missed.
+            if now < stored.made + min(int(self.tracks.left[own].max()) + 1, FUTURE):
+                break
+            times.append(stored.made)
+            rows.append(own)
+        if not times:
+            return None
+        row = np.concatenate(rows)
+        person = self.tracks.agent[row]
+        forecast, truth = self.ledger.settle(times, *self._future(row, FUTURE), person)
+        return Settled(forecast, truth, self._identity[row], person, self.tracks.tick[row])
+
+    def _future(self, rows: np.ndarray, until: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions [A, 12, 2] after the given rows, zero where not known, and known [A, 12], up to a step."""
+        known = np.minimum(self.tracks.left[rows], until)[:, None] >= _AHEAD
+        future = self.tracks.xy[np.where(known, rows[:, None] + _AHEAD, rows[:, None])]
+        future[~known] = 0
+        return future, known

@@ -1,0 +1,112 @@
+"""The Gymnasium vector view of the windows clock: many padded windows a step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from motion_gym import catalog
+from motion_gym.contract import ActionError, Domain, SpecError
+from motion_gym.stepping.actions import checked_action
+from motion_gym.stepping.padded import Padded
+
+
+class WindowVectorEnv(VectorEnv):
+    """Many windows a step, as one array operation.
+
+    The windows of the split are dealt out: sub-environment i of n plays windows i, i + n, i + 2n, ... so that one
+    round of all sub-environments is the published test set, each window once. Once ``reset`` was given a seed, each
+    ``reset`` shuffles the windows before it deals them out. Spaces, rewards and infos are those of ``WindowEnv`` with a
+    leading axis; a sub-environment that has ended is reset by the next step (its action is ignored and its reward 0),
+    as in Gymnasium's ``NEXT_STEP`` mode, and plays its windows again.
+
+    Args:
+        domain: A name, a spec, ``"module:Class"`` or a domain.
+        num_envs: n, at most the number of windows.
+        split: Which split to play.
+        samples: K.
+        max_agents: Rows of an observation; by default those of the largest window of the split.
+        **parameters: Parameters of the domain.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        domain: str | Domain,
+        num_envs: int = 1,
+        split: str = "test",
+        samples: int = 1,
+        max_agents: int | None = None,
+        render_mode: str | None = None,
+        **parameters: Any,
+    ):
+        if render_mode is not None:
+            raise SpecError("The vector environment draws no pictures: leave render_mode out, or use one environment.")
+        self.padded = Padded(domain, split, max_agents, samples, **parameters)
+        self.domain = self.padded.domain
+        windows = len(self.padded.sizes)
+        num_envs = catalog.whole_number("num_envs", num_envs, 1, windows)
+        self.num_envs = num_envs
+        self.render_mode = None
+        self.single_observation_space = self.padded.observation_space
+        self.single_action_space = self.padded.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.order, self.at = np.arange(windows), np.arange(num_envs)
+        self._ended = np.zeros(num_envs, bool)
+        self._begun = self._shuffled = False
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Each sub-environment goes to its first window; seeds shuffle the windows of this and of later episodes.
+
+        Args:
+            seed: One seed, or one for each sub-environment, which together determine the order.
+            options: Not used.
+        """
+        seeds = [s for s in (seed if isinstance(seed, (list, tuple)) else [seed]) if s is not None]
+        if seeds:
+            self._np_random, self._np_random_seed = np.random.default_rng(seeds), seeds[0]
+            self._shuffled = True
+        windows = len(self.order)
+        self.order = self.np_random.permutation(windows) if self._shuffled else np.arange(windows)
+        self.at = np.arange(self.num_envs)
+        self._ended[:] = False
+        self._begun = True
+        return self.padded.observe(self.window), {}
+
+    @property
+    def window(self) -> np.ndarray:
+        """[n] number of the current window of each sub-environment."""
+        return self.order[self.at]
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Score the forecasts of all current windows, and go to the next ones.
+
+        Raises:
+            ActionError: as for ``WindowEnv``; no sub-environment has moved then.
+        """
+        if not self._begun:
+            raise ActionError("The episode was not begun: call reset().")
+        actions, window = checked_action(actions, self.action_space.shape or (), "The action"), self.window
+        playing = ~self._ended
+        if not playing.all():
+            actions = np.where(playing[:, None, None, None, None], actions, np.float32(0))
+        reward, revealed = self.padded.score(window, actions)
+        reward[self._ended] = 0
+        infos: dict[str, Any] = {}
+        for key, value in {**revealed, "window": window}.items():
+            value[self._ended] = 0
+            infos[key], infos[f"_{key}"] = value, playing.copy()
+        following = self.at + self.num_envs
+        ended = playing & (following >= len(self.order))
+        self.at = np.where(self._ended, np.arange(self.num_envs), np.where(ended, self.at, following))
+        self._ended = ended
+        return self.padded.observe(self.window), reward, ended.copy(), np.zeros(self.num_envs, bool), infos
