@@ -9,7 +9,6 @@ import copy
 import numpy as np
 
 import motion_gym
-from motion_gym.stepping.harness import ask  # the forecast of any predictor, whatever it returns
 
 
 class Stretch:
@@ -31,7 +30,7 @@ class Stretch:
     def predict(self, observation, samples=1, seed=0):
         """Forecasts (agents, samples, 12 steps, 2), metres; never learns."""
         last = observation.xy[:, None, -1:]
-        forecast = ask(self.inner, observation, samples, seed).positions
+        forecast = self.inner.predict(observation, samples, seed).positions
         return (last + self.factor * (forecast - last)).astype(np.float32)
 
     def observe(self, truth):
@@ -39,7 +38,7 @@ class Stretch:
         if not truth.known.any():
             return
         last = truth.observation.xy[:, -1:]
-        way = (ask(self.inner, truth.observation).positions[:, 0] - last)[truth.known]
+        way = (self.inner.predict(truth.observation).positions[:, 0] - last)[truth.known]
         went = (truth.future - last)[truth.known]
         wanted = (way * went).sum() / max((way * way).sum(), 1e-6)
         self.factor += self.rate * (wanted - self.factor)

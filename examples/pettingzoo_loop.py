@@ -10,12 +10,12 @@ dt = env.unwrapped.domain.card.dt
 
 observations, infos = env.reset()
 while env.agents:
-    observation = observation_from_dict(observations, dt, env.agents)
+    observation = observation_from_dict(observations, dt, env.agents, env.unwrapped.clock.time)
     actions = forecast_to_dict(predictor.predict(observation), env.agents)
     observations, rewards, terminations, truncations, infos = env.step(actions)
-    truth = truth_from_infos(infos, dt)  # what has just become known, for predictors that learn from it
+    truth = truth_from_infos(infos, dt)  # whole scenes of which all is known now, for predictors that learn
 
 ledger = env.unwrapped.ledger
-print(f"{len(ledger)} forecasts: {ledger.matured} matured, {ledger.censored} censored (their agent left)")
+print(f"{ledger.settled} forecasts: {ledger.matured} matured, {ledger.censored} censored (their agent left)")
 for name, value in env.score().items():
     print(f"{name:15} {value.mean:.3f} [{value.low:.3f}, {value.high:.3f}]")

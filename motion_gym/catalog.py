@@ -214,7 +214,10 @@ def adapter(spec: str | type, of: str | Predictor, **parameters: Any) -> Predict
     """
     if "of" in parameters or (isinstance(spec, str) and "of" in parse_spec(spec)[1]):
         raise SpecError(f"`of` in `{spec}` is the predictor to adapt, which is given already: leave it out.")
-    return _make(spec, {**parameters, "of": predictor(of)}, _ADAPTER)
+    inner = predictor(of)
+    if not isinstance(spec, str) or parse_spec(spec)[0] not in ADAPTERS:
+        inner = load_class("motion_gym.stepping.asked:Asked")(inner)  # it may return an array alone
+    return _make(spec, {**parameters, "of": inner}, _ADAPTER)
 
 
 def load_class(target: str, kind: str = "object") -> type:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -149,7 +150,12 @@ def stream(
     most = min(there[w] // wanted[w] for w in there) // UNIT * UNIT
     if frames is None:
         frames = max(min(most, MOST_FRAMES), UNIT)
-    frames = catalog.whole_number("frames", frames, UNIT, 10**9) // UNIT * UNIT
+    if catalog.whole_number("frames", frames, UNIT, 10**9) % UNIT:
+        warnings.warn(
+            f"`frames={frames}`: visits have a multiple of {UNIT} frames, so {frames // UNIT * UNIT} are played.",
+            stacklevel=2,
+        )
+    frames = frames // UNIT * UNIT
     if kind in ("gradual", "mixed") and frames < BLOCKS * UNIT:
         raise SpecError(
             f"`frames={frames}`: `{kind}` cuts a visit into {BLOCKS} blocks of at least {UNIT} frames, give "

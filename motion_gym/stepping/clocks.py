@@ -1,19 +1,20 @@
-"""What a clock is: observations, forecasts and ground truth, step by step, as arrays.
+"""What a step of a clock reveals: observations and ground truth, as arrays.
 
-The windows clock goes from window to window and reveals each ground truth at once. The stream clock goes from frame to
-frame and reveals the ground truth of a scene when all of it has happened. Both store a forecast in their ledger before
-they reveal anything, and neither hands out a position before its time.
+A clock has ``reset()`` and ``step(forecast)``, which give a Step; the ``time`` of what is observed (number of the
+window, or of the listed frame); the ``ledger`` of the episode; the ``extent`` of all positions, for a fixed scale; and
+agents with ids 0 .. ``size`` - 1, in the order in which they enter, that never return. ``name(id)`` ends in the number
+of the agent in the observation. The windows clock goes from window to window and reveals each ground truth at once. The
+stream clock goes from frame to frame and reveals the ground truth of a scene when all of it has happened. Both store a
+forecast in their ledger before they reveal anything, and neither hands out a position before its time.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from motion_gym.contract import Forecast, Observation, Truth
-from motion_gym.stepping.outstanding import Outstanding
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class Settled:
     Attributes:
         forecast: The stored forecasts of M agents.
         truth: The ground truth, with the observations that were forecast; whole scenes.
-        identity: [M] int64, the clock's id of each agent (see ``Clock``).
+        identity: [M] int64, the clock's id of each agent.
         person: [M] int64, the agent as in ``domain.windows``: an agent that is lost and found again has two ids but is
             one person.
         made: [M] int64, clock time of each forecast.
@@ -59,40 +60,6 @@ class Step:
     identity: np.ndarray
     reward: np.ndarray
     settled: Settled | None
-
-
-class Clock(Protocol):
-    """A clock. Agents have ids 0 .. ``size`` - 1, in the order in which they enter, that never return.
-
-    Attributes:
-        size: Number of agents.
-        ledger: The forecasts of this episode, waiting and settled.
-    """
-
-    size: int
-    ledger: Outstanding
-
-    @property
-    def time(self) -> int:
-        """Number of the current window, or of the current listed frame."""
-        ...
-
-    @property
-    def extent(self) -> np.ndarray:
-        """[2, 2], lowest and highest x and y that can occur, for a fixed scale."""
-        ...
-
-    def name(self, identity: int) -> str:
-        """Name of an agent, as environments use it; ends in its number in the observation."""
-        ...
-
-    def reset(self) -> Step:
-        """Go to the beginning, with an empty ledger."""
-        ...
-
-    def step(self, forecast: Forecast) -> Step:
-        """Store the forecasts of the agents observed now, go on, reveal."""
-        ...
 
 
 def extent_of(xy: np.ndarray) -> np.ndarray:

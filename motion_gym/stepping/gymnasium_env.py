@@ -11,7 +11,7 @@ from motion_gym.contract import ActionError, Domain, Forecast
 from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.actions import checked_action
 from motion_gym.stepping.padded import Padded
-from motion_gym.stepping.render import Canvas, check_render_mode
+from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
 from motion_gym.stepping.windows_clock import WindowsClock
 
 
@@ -69,7 +69,8 @@ class WindowEnv(gymnasium.Env):
         self.forecast: Forecast | None = None  # Of the last window, as it arrived here through any wrappers.
         card = self.domain.card
         extent = WindowsClock(self.padded.truth).extent
-        self._canvas = Canvas(card.name, extent, card.unit, self.metadata["render_fps"])
+        origin = origin_of(self.domain, split) if render_mode else None
+        self._canvas = Canvas(card.name, extent, card.unit, self.metadata["render_fps"], origin)
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict[str, np.ndarray], dict]:
         """Go to the first window; a seed shuffles the windows of this and of later episodes. No options."""

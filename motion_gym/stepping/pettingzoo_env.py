@@ -13,11 +13,11 @@ from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, SpecError
 from motion_gym.data.windows import positions_only
 from motion_gym.stepping.actions import action_space, checked_action
-from motion_gym.stepping.clocks import Clock, Settled, Step
+from motion_gym.stepping.clocks import Settled, Step
 from motion_gym.stepping.dicts import infos_of
 from motion_gym.stepping.harness import windows_of_domain
 from motion_gym.stepping.outstanding import Outstanding
-from motion_gym.stepping.render import Canvas, check_render_mode
+from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
 from motion_gym.stepping.stream_clock import StreamClock
 from motion_gym.stepping.windows_clock import WindowsClock
 
@@ -84,7 +84,7 @@ class ForecastEnv(ParallelEnv):
             raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
         samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
         check_render_mode(render_mode)
-        self.clock: Clock = make_clock(self.domain, clock, split)
+        self.clock = make_clock(self.domain, clock, split)
         if not self.clock.size:
             raise SpecError(f"Split `{split}` of `{self.domain!r}` has nobody to observe: nothing to play.")
         self.samples = samples
@@ -96,7 +96,9 @@ class ForecastEnv(ParallelEnv):
         self._observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (HISTORY, features), np.float32)
         self._action_space = action_space(samples)
         card = self.domain.card
-        self._canvas = Canvas(f"{card.name}, {clock} clock", self.clock.extent, card.unit, self.metadata["render_fps"])
+        origin = origin_of(self.domain, split) if render_mode else None
+        title, fps = f"{card.name}, {clock} clock", self.metadata["render_fps"]
+        self._canvas = Canvas(title, self.clock.extent, card.unit, fps, origin)
 
     @property
     def ledger(self) -> Outstanding:
@@ -207,7 +209,7 @@ def parallel_env(domain: str | Domain, clock: str = "windows", **arguments: Any)
     return ForecastEnv(domain, clock=clock, **arguments)
 
 
-def make_clock(domain: Domain, clock: str, split: str) -> Clock:
+def make_clock(domain: Domain, clock: str, split: str) -> WindowsClock | StreamClock:
     """The clock that replays a split of a domain."""
     if clock == "windows":
         return WindowsClock(windows_of_domain(domain, split))

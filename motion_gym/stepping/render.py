@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from motion_gym.catalog import suggest
-from motion_gym.contract import FUTURE, Forecast, Observation, SpecError, Truth
+from motion_gym.contract import FUTURE, Domain, Forecast, Observation, SpecError, Truth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,6 +39,12 @@ def check_render_mode(mode: str | None) -> None:
             )
 
 
+def origin_of(domain: Domain, split: str) -> np.ndarray:
+    """[2], the origin that all recordings of a split share; zeros where they have different ones."""
+    origins = np.unique([recording.origin for recording in domain.recordings(split)], axis=0)
+    return origins[0] if len(origins) == 1 else np.zeros(2)
+
+
 class Canvas:
     """Draws the last step of an environment, on a scale that is fixed for the whole episode.
 
@@ -46,9 +53,13 @@ class Canvas:
         extent: [2, 2], lowest and highest x and y of the whole episode, metres.
         unit: Unit of the axes.
         fps: Frames per second of ``human`` mode.
+        origin: [2], added to the coordinates that the axes show; None for zeros.
     """
 
-    def __init__(self, title: str, extent: np.ndarray, unit: str = "m", fps: float = 5):
+    def __init__(
+        self, title: str, extent: np.ndarray, unit: str = "m", fps: float = 5, origin: np.ndarray | None = None
+    ):
+        self.origin = np.zeros(2) if origin is None else origin
         self.title, self.extent, self.unit, self.fps = title, extent, unit, fps
         self.time = 0
         self.observation: Observation | None = None
@@ -136,6 +147,9 @@ class Canvas:
         axes.set_axisbelow(True)
         axes.set_xlabel(f"x [{self.unit}]")
         axes.set_ylabel(f"y [{self.unit}]")
+        if self.origin.any():
+            for axis, shift in zip((axes.xaxis, axes.yaxis), self.origin.tolist(), strict=True):
+                axis.set_major_formatter(partial(_shifted, shift))
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
         if self.paths is not None:
@@ -170,6 +184,10 @@ class Canvas:
             path = np.concatenate([origin[None], future[known]])
             axes.plot(*path.T, ":", color=TRUTH_COLOR, linewidth=2.0)
             axes.plot(*path[-1:].T, "s", color=TRUTH_COLOR, markersize=3.5)
+
+
+def _shifted(shift: float, value: float, _: Any) -> str:
+    return f"{value + shift:.10g}"
 
 
 def _fan(axes: Any, paths: np.ndarray) -> None:

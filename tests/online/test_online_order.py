@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
@@ -32,32 +33,28 @@ FOR_STGAT = [
 ]
 
 
-class Otherwise:
-    """A domain whose positions are others after a listed frame, and whose people also leave, if they may."""
+def otherwise(place, after, leave):
+    """A copy of a domain whose positions are others after a listed frame; people also leave then, if they may."""
+    other = copy.copy(place)
 
-    def __init__(self, place, after, leave):
-        self.place, self.after, self.leave = catalog.domain(place), after, leave
-        self.windows, self.reference, self.history = self.place.windows, self.place.reference, self.place.history
-        self.world = self.place.world
-
-    @property
-    def card(self):
-        return self.place.card
-
-    def recordings(self, split):
-        (recording,) = self.place.recordings(split)
+    def recordings(split):
+        (recording,) = place.recordings(split)
         tick = np.unique(recording.frame, return_inverse=True)[1].reshape(-1)
-        rng = np.random.default_rng(self.after)
-        xy = np.where((tick > self.after)[:, None], recording.xy + rng.normal(0, 3, recording.xy.shape), recording.xy)
-        keep = (tick <= self.after) | (rng.random(recording.agent.max() + 1)[recording.agent] > 0.5 * self.leave)
+        rng = np.random.default_rng(after)
+        xy = np.where((tick > after)[:, None], recording.xy + rng.normal(0, 3, recording.xy.shape), recording.xy)
+        keep = (tick <= after) | (rng.random(recording.agent.max() + 1)[recording.agent] > 0.5 * leave)
         columns = {"frame": recording.frame[keep], "agent": recording.agent[keep], "xy": xy[keep]}
-        return [mg.Recording(**columns, dt=recording.dt)]
+        return [dataclasses.replace(recording, **columns)]
+
+    other.recordings = recordings
+    return other
 
 
 def seen_before(make, place, frames, after, leave=False, **options):
     """What differs up to ``after`` between two worlds that are the same until then, and how much there was to see."""
     tapes, cards, times = [], [], []
-    for world in (catalog.domain(place), Otherwise(place, after, leave)):
+    place = catalog.domain(place)
+    for world in (place, otherwise(place, after, leave)):
         taped, played = Taped(make(world)), Stream([Segment(world, 0, frames)])
         cards.append(evaluate_online(taped, played, **options))
         tapes.append(taped.tape)
