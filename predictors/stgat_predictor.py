@@ -165,7 +165,7 @@ class Stgat(Weighted):
         with torch.no_grad():
             draws = self._draws(observation, layout, 1, seed)
             latent = self._latent(steps, draws, layout, weights)
-            states = decoder_states(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
+            _, states = decoder_states(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
         inputs = states[:, 0].transpose(0, 1).flatten(0, 1).double().numpy()
         weight = np.concatenate([weights["stage3.weight"][0].numpy(), weights["stage3.bias"].numpy()])
         return LastLayer(with_one(inputs), weight.astype(np.float64), observation.xy[:, -1:].astype(np.float64))

@@ -38,11 +38,9 @@ class Styled(Protocol):
 
     def observe(self, truth: Truth) -> None:
         """Add scenes."""
-        ...
 
     def reset(self) -> None:
         """Go back to no scene."""
-        ...
 
 
 @dataclass(eq=False, repr=False)

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -20,34 +20,8 @@ from motion_gym.predictors.settings import positive, setting, whole
 from motion_gym.predictors.training.style_loss import TEMPERATURE
 from motion_gym.stepping.harness import name_of
 
-
-@runtime_checkable
-class Refinable(Protocol):
-    """What a predictor needs for its forecasts to be refined; S scenes, latents of C values."""
-
-    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
-        """Latent [1, N, C] of the scenes, or of their agents, in the style observed so far; of the first sample."""
-        ...
-
-    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
-        """Displacements of all agents that a latent stands for, in order: [1, A, 24], or as many values."""
-        ...
-
-    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
-        """Style embeddings [1, S, 8] of unit length of observed scenes that go on by such displacements."""
-        ...
-
-    def observe(self, truth: Truth) -> None:
-        """Read the style from reference scenes."""
-        ...
-
-    def reset(self) -> None:
-        """Forget them."""
-        ...
-
-    def whole_scenes(self, truth: Truth) -> Truth | None:
-        """The scenes that a style can be read from; None if there are none."""
-        ...
+REFINABLE = ("latent", "from_latent", "embedded", "whole_scenes", "observe", "reset")
+"""Methods that a predictor needs for its forecasts to be refined; see ``Modular``."""
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -77,7 +51,7 @@ class Refine(Around):
 
     def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
         super().__post_init__(of, weights, seed)
-        if not isinstance(self.inner, Refinable):
+        if not all(hasattr(self.inner, method) for method in REFINABLE):
             raise PredictorError(
                 f"{name_of(self.inner)} has no style encoder, so that there is nothing to refine a "
                 "forecast by: use modular or modular_invariant."

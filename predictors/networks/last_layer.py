@@ -40,7 +40,6 @@ class Tunable(Protocol):
         Returns:
             [M, A, 12, 2], metres from the last observed position; differentiable with respect to the weights.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,6 @@ class Linearised(Protocol):
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
         """The last layer for the agents of an observation."""
-        ...
 
 
 def tunable(predictor: Any, parts: str) -> list[str]:

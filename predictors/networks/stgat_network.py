@@ -179,20 +179,14 @@ def encode(steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Ten
 
 
 def decode(latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False) -> Tensor:
-    """Roll the decoder out from a latent [M, A, 64] and the last displacements [A, 2]: [12, M, A, 2] displacements."""
-    return _rolled_out(latent, last, noise, weights, counterfactual)[0]
+    """Displacements [12, M, A, 2] that the decoder makes of a latent [M, A, 64] and the last displacements [A, 2]."""
+    return decoder_states(latent, last, noise, weights, counterfactual)[0]
 
 
 def decoder_states(
     latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False
-) -> Tensor:
-    """What the last layer maps to the displacements of ``decode``: [12, M, A, 80]."""
-    return _rolled_out(latent, last, noise, weights, counterfactual)[1]
-
-
-def _rolled_out(
-    latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool
 ) -> tuple[Tensor, Tensor]:
+    """The displacements of ``decode``, and the states [12, M, A, 80] that the last layer maps to them."""
     h = torch.cat([latent, noise], dim=-1)
     if counterfactual:
         without = torch.cat([torch.zeros_like(latent[..., :TRAJECTORY]), latent[..., TRAJECTORY:], noise], dim=-1)

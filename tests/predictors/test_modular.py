@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import motion_gym as mg
-from motion_gym.checks.checker import predictor_problems
+from motion_gym.checks.checker import check_predictor
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.domains import training_set
 from motion_gym.data.windows import pick_scenes
@@ -174,7 +174,7 @@ def test_refining_draws_a_forecast_towards_the_style_of_the_references(modular, 
 def test_refining_keeps_the_contract_of_a_predictor(modular):
     made = Modular()
     made.use(modular.stacked, modular.card)
-    assert predictor_problems(Refine(made), domain=mg.domain("orca:scenes=40")) == []
+    check_predictor(Refine(made), mg.domain("orca:scenes=40"))
 
 
 def test_what_cannot_be_refined_is_refused():
