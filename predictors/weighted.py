@@ -49,6 +49,8 @@ class Weighted:
     kind: ClassVar[str]
     shipped: ClassVar[str]
     """Name of the weights that are used where none are named."""
+    fit_on_demand: ClassVar[bool] = False
+    """Training takes too long for an evaluation: ``predict`` says where weights are missing and how to train them."""
 
     def __post_init__(self) -> None:
         self.seed = SEED("seed", self.seed)

@@ -131,7 +131,8 @@ class PredictorTrial:
     def trainable(self) -> bool:
         """Whether the predictor has to be fitted before it can be asked."""
         made = self.make()
-        return hasattr(made, "fit") and getattr(made, "fitted", False) is not True
+        unfitted = hasattr(made, "fit") and getattr(made, "fitted", False) is not True
+        return unfitted and getattr(made, "fit_on_demand", True)
 
     @functools.cached_property
     def scenes(self) -> Scenes:

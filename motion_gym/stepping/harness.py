@@ -60,8 +60,7 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
     """
     made = catalog.predictor(predictor)
     unfitted = isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False)
-    # A predictor with trained weights says in `fingerprint` that it has none: training takes too long to do it here.
-    if unfitted and not hasattr(made, "fingerprint"):
+    if unfitted and getattr(made, "fit_on_demand", True):
         train, validation = training_set(domain)
         guarded(made, "fit", train, validation, seed)
         if not hasattr(made, "trained_on"):
