@@ -279,12 +279,14 @@ def test_scores_on_windows_of_the_training_are_labelled(eth_ucy):
 
 
 def test_first_weights_are_drawn_as_in_the_released_program():
-    # By torch's own rule, for arrays of the same shape.
+    # By torch's own rule, for arrays of the same shape; the largest of 20 draws is near the bound of both.
+    torch.manual_seed(0)
     for name, shape in network.shapes(3).items():
         if not name.startswith("attention") or name.endswith("bias"):
             continue
         shape = shape if name.endswith("w") else (*shape, 1)
-        expected = torch.nn.init.xavier_uniform_(torch.empty(2000, *shape)[0], gain=1.414).abs().max()
+        draws = [torch.nn.init.xavier_uniform_(torch.empty(*shape), gain=1.414) for _ in range(20)]
+        expected = torch.stack(draws).abs().max()
         found = torch.cat([network.initial(3, seed)[name] for seed in range(20)]).abs().max()
         assert found.item() == pytest.approx(expected.item(), rel=0.1), name
 

@@ -83,7 +83,7 @@ def test_the_paper_protocol_selects_on_the_target(source, target):
     card = mg.evaluate(made, target, shots=64, protocol="paper")
     assert card.selection.endswith("the best epoch on validation scenes of the domain itself")
     assert any("tuned as long as is best on validation scenes" in leak for leak in card.leaks)
-    with pytest.raises(SpecError, match="is shown the validation scenes"):
+    with pytest.raises(SpecError, match="is shown scenes of split `val`"):
         mg.evaluate(made, target, shots=64, protocol="paper", split="val")
 
 
@@ -115,7 +115,7 @@ def test_what_cannot_be_tuned_is_refused(source, target):
         made.tune(pick_scenes(target.windows("train"), slice(0, 100)))
     with pytest.raises(SpecError, match=r"`shots=640`: orca has \d+ training scenes. Ask for at most"):
         mg.evaluate(made, target, shots=640)
-    with pytest.raises(SpecError, match=r"is shown the training scenes, and \d+ of .* in split `train`"):
+    with pytest.raises(SpecError, match="is shown scenes of split `train`"):
         mg.evaluate(made, target, shots=64, split="train")
     with pytest.raises(SpecError, match=r"no `parts=modulater`.*Did you mean `modulator`"):
         Transfer(source, parts="modulater")
