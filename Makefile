@@ -22,7 +22,7 @@ $(VENV)/.ready: $(VENV)/.installed
 	@touch $@
 
 demo: $(VENV)/.installed
-	$(BIN)/motion-gym run style --out $(VENV)/demo
+	$(BIN)/motion-gym run style
 	@echo 'Next: write a predictor, as examples/own_predictor.py. From the folder examples:'
 	@echo '  . ../.venv/bin/activate; motion-gym score own_predictor:Turning --domain orca:d=0.6'
 
@@ -37,13 +37,10 @@ check: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/python -m pytest --doctest-modules motion_gym envs predictors -p no:cacheprovider
 	cd $(ROOT) && $(BIN)/python .ci/check_wheel.py
 
-# The tables and figures of the README, from scratch.
+# The stored runs, the tables and the figures of all benchmarks, from scratch.
 results: $(VENV)/.ready
-	rm -rf $(ROOT)results
-	cd $(ROOT) && $(BIN)/motion-gym baselines --out results/baselines && \
-	  $(BIN)/motion-gym table results/baselines --into README.md && \
-	  for name in spurious original style crowd transfer refinement pretraining online; do \
-	    $(BIN)/motion-gym run $$name --into README.md || exit 1; \
+	cd $(ROOT) && for name in baselines spurious original style crowd transfer refinement pretraining online; do \
+	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results --into README.md || exit 1; \
 	  done
 
 # Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.

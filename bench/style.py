@@ -8,7 +8,7 @@ import torch
 from machine import machine
 
 import motion_gym
-from motion_gym.benchmarks import shipped as benchmarks
+from motion_gym.benchmarks.definitions import styles
 from motion_gym.predictors.adapters.refine import Refine
 from motion_gym.predictors.ego import EgoModular
 from motion_gym.predictors.modular import Modular, StyleErm
@@ -48,11 +48,11 @@ if __name__ == "__main__":
             f"{kind().name}, five seeds: {per} s per epoch of each stage, so {total:.0f} s for "
             f"{'/'.join(map(str, whole))} epochs (released program: {released})"
         )
-    places = [motion_gym.domain(f"orca:d={d}") for d in benchmarks.STYLES]
+    places = [motion_gym.domain(f"orca:d={d}") for d in styles.STYLES]
     for place in places:
         place.windows("test"), place.reference()
     row = "ego_modular:weights=style"
-    spent = timed(lambda: [motion_gym.evaluate(row, place, references=benchmarks.REFERENCES) for place in places])
+    spent = timed(lambda: [motion_gym.evaluate(row, place, references=styles.REFERENCES) for place in places])
     print(f"scoring one seed of ego_modular on {len(places)} styles of about 4900 scenes: {spent:.2f} s")
     made = Modular(penalty=1).fit(*DATA, 0, epochs=(1, 1, 1, 1))
     refined = Refine(made, steps=3)

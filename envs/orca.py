@@ -85,6 +85,7 @@ class Orca(RecordedDomain):
     same_world = ("d", "agents", "radius", "horizon", "speed", "scenes")
     """Crowds of one seed begin alike: with two agents every d has the same starts."""
     dt = 0.4
+    engine = ENGINE_VERSION
     first_frame = FIRST * TIME_STEP
     """Seconds of walking up to the first frame."""
 

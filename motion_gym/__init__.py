@@ -8,6 +8,7 @@ from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, 
 from motion_gym.stepping.registration import register_all
 
 if TYPE_CHECKING:
+    from motion_gym.benchmarks.running import benchmark
     from motion_gym.checks.checker import check_adapter, check_domain, check_predictor
     from motion_gym.checks.leaks import leak_probe
     from motion_gym.data.domains import RecordedDomain
@@ -30,6 +31,7 @@ _LAZY = {
     "Stream": "motion_gym.online.streams",
     "RecordedDomain": "motion_gym.data.domains",
     "Scorecard": "motion_gym.scoring.evaluation",
+    "benchmark": "motion_gym.benchmarks.running",
     "check_adapter": "motion_gym.checks.checker",
     "check_domain": "motion_gym.checks.checker",
     "check_predictor": "motion_gym.checks.checker",
@@ -61,6 +63,7 @@ __all__ = [
     "Stream",
     "Truth",
     "adapter",
+    "benchmark",
     "check_adapter",
     "check_domain",
     "check_predictor",

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from motion_gym.benchmarks import benchmark_report, results, score_tables, seed_tables
-from motion_gym.benchmarks import shipped as benchmarks
+from motion_gym.benchmarks import pages, running
+from motion_gym.benchmarks.store import SHIPPED
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text()
@@ -20,20 +20,14 @@ def block(heading, language):
     return re.search(rf"```{language}\n(.*?)```", under, re.DOTALL).group(1)
 
 
-def test_table_is_made_from_the_result_files():
-    shown = README.split("<!-- results: baselines -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
-    (table,) = score_tables.overview(results.read_folder(ROOT / "results" / "baselines"))
-    assert shown == table.markdown()
-
-
-@pytest.mark.parametrize("name", benchmarks.BENCHMARKS)
-def test_tables_of_benchmarks_are_made_from_the_result_files(name):
-    found = benchmarks.read(name, ROOT / "results" / name)
+@pytest.mark.parametrize("name", running.BENCHMARKS)
+def test_tables_are_made_from_the_stored_runs(name):
+    results = running.run(name, only=["constant_velocity"] if running.benchmark(name).parts else [])
+    assert not results.missing
     shown = README.split(f"<!-- results: {name} -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
-    assert shown == benchmark_report.short(name, found, ROOT / "results" / name)
-    tables = (ROOT / "results" / name / "tables.md").read_text()
-    for part, runs in found:
-        assert all(table.markdown() in tables for table in seed_tables.part_tables(part, runs))
+    assert shown == "\n\n".join(table.markdown(heading=0) for table in pages.short(results))
+    tables = (SHIPPED / name / "tables.md").read_text()
+    assert all(table.markdown() in tables for table in pages.everything(results))
 
 
 def test_ten_lines_run_and_beat_constant_velocity():

@@ -15,7 +15,7 @@ import numpy as np
 from motion_gym.benchmarks.conditions import measured
 from motion_gym.benchmarks.seed_tables import Errors, Found, over_seeds
 from motion_gym.benchmarks.significance import holm, paired_p
-from motion_gym.benchmarks.table import Code, Table, number, p_text, percent, spread
+from motion_gym.benchmarks.table import Code, Table, p_text, percent, spread
 from motion_gym.contract import SpecError
 
 LEVEL = 0.05
@@ -67,10 +67,11 @@ class Claim:
     def test(self) -> str:
         """The test in words."""
         low, high = self.ratio
-        text = "lower" if self.ratio == (0.0, 1.0) else f"ratio of means {low:.2f} to {high:.2f}"
+        span = f"at most {high:.2f}" if not low else f"{low:.2f} to {high:.2f}".replace(" to inf", " or more")
+        text = "lower" if self.ratio == (0.0, 1.0) else f"ratio of means {span}"
         text += " for each seed" if self.each_seed else ""
         corrected = "corrected " if self.where == EVERYWHERE else ""
-        text += f", paired t-test with {corrected}p < {number(LEVEL)}" if self.significant else ""
+        text += f", paired t-test with {corrected}p < {LEVEL:g}" if self.significant else ""
         return f"{text}; {self.where}"
 
 
@@ -124,6 +125,21 @@ def reference_panel(study: Mapping[str, Any], errors: Errors) -> Panel:
         for row, values in study["ade"][name].items():
             by_count[row, column] = np.array(values[study["counts"].index(n)])
     return Panel("references", by_count, tuple(columns), "By the number of reference scenes", "by references")
+
+
+def pretraining_panel(study: Mapping[str, Any]) -> Panel:
+    """The panel ``pretraining``: errors after epochs of the last stage, in columns such as ``orca:d=0.1, 10 epochs``.
+
+    Args:
+        study: See ``predictors.training.pretraining.curves``.
+    """
+    errors = {
+        (variant, f"{domain}, {epoch} epochs"): np.array(values)
+        for domain, variants in study["ade"].items()
+        for variant, by_epoch in variants.items()
+        for epoch, values in enumerate(by_epoch, 1)
+    }
+    return Panel("pretraining", errors, (), "By epochs of the last stage", "by epochs")
 
 
 def compare(claims: Sequence[Claim], panels: Sequence[Panel]) -> list[Comparison]:

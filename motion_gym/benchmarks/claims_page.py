@@ -3,10 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.claims import EVERYWHERE, NOWHERE, Claim, Comparison, Panel, compare, verdict
+from motion_gym.benchmarks.claims import (
+    EVERYWHERE,
+    NOWHERE,
+    Claim,
+    Comparison,
+    Panel,
+    compare,
+    part_panels,
+    pretraining_panel,
+    reference_panel,
+    verdict,
+)
+from motion_gym.benchmarks.online_tables import Rows, shift_panel
+from motion_gym.benchmarks.published_tables import original_panel, spurious_panel
+from motion_gym.benchmarks.seed_tables import Found
 from motion_gym.benchmarks.table import Table, p_text
 
 INTRODUCTION = (
@@ -15,6 +30,25 @@ INTRODUCTION = (
     "paired t-tests over seeds, corrected for the number of distinct tests in each table (Holm). A sentence that does "
     "not hold is followed by a sentence that does, where there is one."
 )
+
+
+def panels_of(
+    name: str, found: Found, studies: Mapping[str, Any], shifts: Mapping[str, tuple[str, Mapping[str, Rows]]]
+) -> list[Panel]:
+    """All panels of a benchmark.
+
+    Args:
+        name: Name of the benchmark.
+        found: Its parts with the results of their runs.
+        studies: Its stored studies, by name.
+        shifts: Title and rows by kind of stream of each sort of shift, by name.
+    """
+    panels = [*part_panels(found), *(shift_panel(shift, *streams) for shift, streams in shifts.items())]
+    published = {"spurious": spurious_panel, "original": original_panel}
+    panels += [published[name](found)] if found and name in published else []
+    if found and "by_references" in studies:
+        panels.append(reference_panel(studies["by_references"], panels[0].errors))
+    return panels + ([pretraining_panel(studies["pretraining"])] if "pretraining" in studies else [])
 
 
 def page(claims: Mapping[str, Sequence[Claim]], panels: Mapping[str, Sequence[Panel]]) -> str:

@@ -1,18 +1,21 @@
-"""A table between two markers in a text file, such as a README."""
+"""Tables put into a file of somebody's own: only the text between two markers changes."""
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
 from motion_gym.contract import DataError
-from motion_gym.data.storage import write_atomic
+from motion_gym.data.storage import atomic_file
 
 BEGIN, END = "<!-- results: {name} -->", "<!-- results end -->"
 
 
 def insert(path: Path, name: str, text: str) -> bool:
-    """Replace what stands between the markers ``<!-- results: name -->`` and ``<!-- results end -->``.
+    """Replace what stands between ``<!-- results: name -->`` and ``<!-- results end -->``, wherever that is in a file.
+
+    Line ends, permissions and links stay. A marker inside the text is escaped.
 
     Returns:
         Whether the file changed.
@@ -21,21 +24,26 @@ def insert(path: Path, name: str, text: str) -> bool:
         DataError: the file has no such markers, or cannot be read.
     """
     old, pattern = check_markers(path, name)
-    begin = BEGIN.format(name=name)
-    new = pattern.sub(lambda _: f"{begin}\n{text}\n{END}", old, count=1)
+    newline = "\r\n" if "\r\n" in old else "\n"
+    lines = text.replace("<!-- results", "&lt;!-- results").splitlines()
+    block = newline.join([BEGIN.format(name=name), *lines, END])
+    new = pattern.sub(lambda _: block, old)
     if new != old:
-        write_atomic(path, new.encode())
+        target = path.resolve()  # a link stays one
+        with atomic_file(target) as file:
+            os.chmod(file.name, target.stat().st_mode & 0o7777)
+            file.write(new.encode())
     return new != old
 
 
 def check_markers(path: Path, name: str) -> tuple[str, re.Pattern[str]]:
-    """The text of a file, and what finds the part between the markers in it; DataError if it has none."""
+    """The text of a file, and the pattern of a block in it; DataError if the file has no such block."""
     begin = BEGIN.format(name=name)
     try:
-        old = path.read_text(encoding="utf-8")
+        old = path.read_bytes().decode()
     except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read: {error}. Name a text file to put the table into.") from None
-    pattern = re.compile(re.escape(begin) + r"\n(?:(?!<!-- results: ).)*?" + re.escape(END), re.DOTALL)
+    pattern = re.compile(re.escape(begin) + r"\r?\n(?:(?!<!-- results: ).)*?" + re.escape(END), re.DOTALL)
     if not pattern.search(old):
         raise DataError(f"{path} has no lines `{begin}` and `{END}` to put the table between: add them.")
     return old, pattern

@@ -16,14 +16,12 @@ from motion_gym.benchmarks.online_scores import first_shift, gain_of, growth_on_
 from motion_gym.benchmarks.seed_tables import SEEDS, Errors
 from motion_gym.benchmarks.table import Code, Strong, Table, interval, number, span, spread
 from motion_gym.online.evaluation import LABELS
-from motion_gym.online.scores import BLOCK, EVERY, PHASE, TRAIL, after_first
+from motion_gym.online.scores import BLOCK, PHASE, TRAIL, after_first
 
 Rows = Mapping[str, Sequence[Result]]
 BASELINE, NONE, ORACLE = "constant_velocity", "none", "oracle"
 MILESTONES = (50, 100, 150, 200, 250, 300)
 """Matured forecasts after a shift."""
-FEW, MANY = "finetune:parts=modulator", "finetune:parts=all"
-"""Rows of which the first one is claimed to need fewer labels."""
 LEGEND = {
     "gain": "(none - adapted) / (none - oracle), of the mean ADE after the first shift",
     "recovered after": f"matured forecasts (and seconds) after the first change of domain, from which on every later "
@@ -136,19 +134,7 @@ def milestones_table(title: str, rows: Rows) -> Table:
         [Code(row), *(spread(at) if at else "-" for at in _at_milestones(rs).values())] for row, rs in rows.items()
     ]
     caption = f"ADE, {unit_of(everything)}, over the last {TRAIL} forecasts after so many have matured since the shift"
-    notes = [fewer_labels(rows, FEW, MANY)] if {FEW, MANY} <= rows.keys() else []
-    return Table(title, ["method", *map(str, MILESTONES)], table, notes, caption)
-
-
-def fewer_labels(rows: Rows, few: str, many: str) -> str:
-    """At how many numbers of labels after the shift one row has the lower trailing mean than another, over seeds."""
-    first, second = (
-        np.mean([[ade for _, _, ade in r["shifts"][0]["after"]] for r in rows[row]], axis=0) for row in (few, many)
-    )
-    return (
-        f"the error of {few} is below that of {many} at {int((first < second).sum())} of {len(first)} numbers of "
-        f"labels after the shift (every {EVERY} from {TRAIL} on)"
-    )
+    return Table(title, ["method", *map(str, MILESTONES)], table, [measured(everything)], caption)
 
 
 def summary_table(titles: Mapping[str, str], sudden: Mapping[str, Rows]) -> Table:

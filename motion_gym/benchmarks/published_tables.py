@@ -85,11 +85,11 @@ def spurious_panel(found: Found) -> Panel:
     errors = over_seeds(*found[0], "JADE_20")
     for row, cells in published.PAPER.items():
         errors |= {(f"the paper: {row}", str(alpha)): np.array([ade]) for alpha, (ade, _) in cells.items()}
-    return Panel("published", errors, title="JADE_20 beside the paper", protocol="published")
+    return Panel("published", errors, tuple(found[0][0].domains), "JADE_20 beside the paper", "published")
 
 
 def original_panel(found: Found) -> Panel:
     """The panel ``published`` for claims: ADE of our rows at ``hotel``, and the paper's as ``the paper: ROW``."""
     errors = {key: values for part, results in found for key, values in over_seeds(part, results).items()}
     errors |= {(f"the paper: {row}", "hotel"): np.array([ade]) for row, (ade, _) in published.ORIGINAL.items()}
-    return Panel("published", errors, title="ADE beside the paper", protocol="published")
+    return Panel("published", errors, ("hotel",), "ADE beside the paper", "published")

@@ -13,7 +13,7 @@ import numpy as np
 from motion_gym.checks.adapter_trials import AT_ONCE, LESSONS, AdapterTrial
 from motion_gym.checks.predictor_method_rules import COPIERS
 from motion_gym.checks.predictor_trials import partly_known
-from motion_gym.checks.report import CheckError, NotChecked, Rule
+from motion_gym.checks.report import CheckError, NotChecked, Rule, broken_if
 from motion_gym.contract import FUTURE, Forecast, MotionGymError, Truth
 from motion_gym.online.evaluation import evaluate_online
 from motion_gym.stepping.harness import ask, guarded, tell
@@ -29,10 +29,10 @@ def adapter(trial: AdapterTrial) -> None:
     """It has predict, observe and reset, and is told no domain."""
     made = trial.predictor.make()
     missing = [method for method in ADAPTER_METHODS if not callable(getattr(made, method, None))]
-    if missing:
-        raise CheckError(f"it has no method {', '.join(missing)}: define it.")
-    if hasattr(made, "know"):
-        raise CheckError("know shows it the domain, and with it the future: leave it out, and learn in observe.")
+    broken_if(missing, f"it has no method {', '.join(missing)}: define it.")
+    broken_if(
+        hasattr(made, "know"), "know shows it the domain, and with it the future: leave it out, and learn in observe."
+    )
 
 
 def given(trial: AdapterTrial) -> None:
@@ -47,13 +47,11 @@ def given(trial: AdapterTrial) -> None:
     with contextlib.suppress(MotionGymError):  # which other rules report
         _taught(adapter, trial.lessons.scenes)
     touched = changed(before, snapshot(source))
-    if touched:
-        raise CheckError(f"it changed {', '.join(touched[:3])} of the predictor that it was put around: {remedy}")
+    broken_if(touched, f"it changed {', '.join(touched[:3])} of the predictor that it was put around: {remedy}")
     own = {path: leaf for path, leaf in leaves(source) if isinstance(leaf, np.ndarray) and leaf.flags.writeable}
     kept = [leaf for _, leaf in leaves(adapter) if isinstance(leaf, np.ndarray)]
     common = [path for path, leaf in own.items() if any(np.may_share_memory(leaf, other) for other in kept)]
-    if common:
-        raise CheckError(f"it shares the memory of {', '.join(common[:3])} with the predictor it was given: {remedy}")
+    broken_if(common, f"it shares the memory of {', '.join(common[:3])} with the predictor it was given: {remedy}")
 
 
 def learning(trial: AdapterTrial) -> None:
@@ -82,10 +80,14 @@ def unknown(trial: AdapterTrial) -> None:
             noise = np.random.default_rng(number).normal(0, 9, part.future.shape).astype(np.float32)
             tell(other, dataclasses.replace(part, future=np.where(part.known[..., None], part.future, noise)))
             after = _asked(known, scenes[0])
-            if after != _asked(other, scenes[0]):
-                raise CheckError("what stands where truth.known is False changes forecasts: leave these steps out.")
-            if not part.known.any() and after != before:
-                raise CheckError("a truth of which nothing is known changed forecasts: learn nothing from it.")
+            broken_if(
+                after != _asked(other, scenes[0]),
+                "what stands where truth.known is False changes forecasts: leave these steps out.",
+            )
+            broken_if(
+                not part.known.any() and after != before,
+                "a truth of which nothing is known changed forecasts: learn nothing from it.",
+            )
             before = after
 
 
@@ -95,11 +97,11 @@ def order(trial: AdapterTrial) -> None:
     first = _taught(trial.adapter(), scenes)
     for cut in (0, len(scenes) // 2):
         second = _taught(trial.adapter(), [*scenes[:cut], *(_moved_on(s, cut) for s in scenes[cut:])])
-        if first[: cut + 1] != second[: cut + 1]:
-            raise CheckError(
-                f"with another truth of scene {cut} and those after it, forecasts that were made before it was told "
-                "are others: know nothing but by observe, and keep what was observed in the object, not in its class."
-            )
+        broken_if(
+            first[: cut + 1] != second[: cut + 1],
+            f"with another truth of scene {cut} and those after it, forecasts that were made before it was told "
+            "are others: know nothing but by observe, and keep what was observed in the object, not in its class.",
+        )
 
 
 def restart(trial: AdapterTrial) -> None:
@@ -112,13 +114,15 @@ def restart(trial: AdapterTrial) -> None:
     _asked(adapter, scenes[0])
     restarted = snapshot(adapter)
     touched = sorted(path for path in begun.keys() | restarted.keys() if begun.get(path) != restarted.get(path))
-    if touched:
-        raise CheckError(
-            f"after reset, {', '.join(touched[:3])} {'are' if len(touched) > 1 else 'is'} not as at the start: bring "
-            "back weights, states, counts and the optimiser, best by a copy that was made in the constructor."
-        )
-    if _taught(adapter, scenes) != first:
-        raise CheckError("after reset, the same scenes gave other forecasts: draw from a seed that reset brings back.")
+    broken_if(
+        touched,
+        f"after reset, {', '.join(touched[:3])} {'are' if len(touched) > 1 else 'is'} not as at the start: bring "
+        "back weights, states, counts and the optimiser, best by a copy that was made in the constructor.",
+    )
+    broken_if(
+        _taught(adapter, scenes) != first,
+        "after reset, the same scenes gave other forecasts: draw from a seed that reset brings back.",
+    )
 
 
 def twins(trial: AdapterTrial) -> None:
@@ -141,8 +145,7 @@ def twins(trial: AdapterTrial) -> None:
             raise CheckError(f"what a {how} made midway observes changes the original{which}: copy arrays too.")
     own = _taught(adapter, rest)
     for how, answers in forecasts.items():
-        if answers != own:
-            raise CheckError(f"a {how} made midway, taught the same, forecasts otherwise: carry all state over.")
+        broken_if(answers != own, f"a {how} made midway, taught the same, forecasts otherwise: carry all state over.")
 
 
 def memory(trial: AdapterTrial) -> None:
@@ -166,8 +169,10 @@ def online(trial: AdapterTrial) -> None:
     played, adapter = trial.lessons.stream, trial.adapter()
     evaluate_online(adapter, played, labels="stepwise", scope="agent")
     one, two = (evaluate_online(adapter, played, scope="place", realtime=True, cost=COST) for _ in range(2))
-    if not np.array_equal(one.values, two.values):
-        raise CheckError("on the same stream, with the same cost of updates, scores differ: leave clocks alone.")
+    broken_if(
+        not np.array_equal(one.values, two.values),
+        "on the same stream, with the same cost of updates, scores differ: leave clocks alone.",
+    )
 
 
 ADAPTER_METHODS = ("predict", "observe", "reset")

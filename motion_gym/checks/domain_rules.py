@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.checks.report import CheckError, NotChecked, Rule
+from motion_gym.checks.report import CheckError, NotChecked, Rule, broken_if
 from motion_gym.contract import HISTORY, Card, DataError, MotionGymError, Recording, Truth
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.overlap import shared_people
@@ -73,15 +73,16 @@ class DomainTrial:
 
 def members(trial: DomainTrial) -> None:
     """The class is a RecordedDomain, with card and recordings(split)."""
-    if not isinstance(trial.domain, RecordedDomain):
-        raise CheckError(
-            f"{type(trial.domain).__name__} is no RecordedDomain: subclass motion_gym.RecordedDomain, and define "
-            "recordings(split)."
-        )
-    if not callable(trial.domain.recordings):
-        raise CheckError("recordings cannot be called: make it a method recordings(split).")
-    if not isinstance(trial.domain.card, Card):
-        raise CheckError(f"card is a {type(trial.domain.card).__name__}: leave it as RecordedDomain defines it.")
+    broken_if(
+        not isinstance(trial.domain, RecordedDomain),
+        f"{type(trial.domain).__name__} is no RecordedDomain: subclass motion_gym.RecordedDomain, and define "
+        "recordings(split).",
+    )
+    broken_if(not callable(trial.domain.recordings), "recordings cannot be called: make it a method recordings(split).")
+    broken_if(
+        not isinstance(trial.domain.card, Card),
+        f"card is a {type(trial.domain.card).__name__}: leave it as RecordedDomain defines it.",
+    )
 
 
 def card(trial: DomainTrial) -> None:
@@ -106,13 +107,14 @@ def card(trial: DomainTrial) -> None:
             faults.append(f"parameters do not fit into a JSON result ({error}): use numbers, text, lists and None")
     if card.oracle is not None and card.oracle not in catalog.PREDICTORS and ":" not in str(card.oracle):
         faults.append(f"oracle is {card.oracle!r}, no predictor: give a name, `module:Class` or None")
-    if faults:
-        raise CheckError("; ".join(faults) + ".")
+    broken_if(faults, "; ".join(faults) + ".")
     for split in SPLITS:
         seen = counts(trial.windows(split))
         for key, value in trial.domain.card.counts.get(split, {}).items():
-            if seen.get(key, value) != value:
-                raise CheckError(f"counts of {split} say {value} {key}, and there are {seen[key]}: leave out counts.")
+            broken_if(
+                seen.get(key, value) != value,
+                f"counts of {split} say {value} {key}, and there are {seen.get(key)}: leave out counts.",
+            )
 
 
 def splits(trial: DomainTrial) -> None:
@@ -134,8 +136,7 @@ def splits(trial: DomainTrial) -> None:
         raise CheckError(f"recordings('no such split') raised {type(error).__name__}: {error}: {_REFUSE}") from error
     else:
         raise CheckError(f"recordings('no such split') was answered: {_REFUSE}")
-    if not len(trial.windows("test").future):
-        raise CheckError("windows('test') has no agent: there is nothing to score.")
+    broken_if(not len(trial.windows("test").future), "windows('test') has no agent: there is nothing to score.")
 
 
 _REFUSE = "call self.check_split(split) first, which raises motion_gym.contract.SpecError and names the splits."
@@ -150,18 +151,17 @@ def recordings(trial: DomainTrial) -> None:
             raise
         except Exception:
             continue  # rule `splits` says so
-        if isinstance(problem, str):
-            raise CheckError(problem)
+        broken_if(isinstance(problem, str), str(problem))
 
 
 def dt(trial: DomainTrial) -> None:
     """Card and recordings have the same seconds per step."""
     for split in SPLITS:
         for recording in trial.recordings(split):
-            if recording.dt != trial.card.dt:
-                raise CheckError(
-                    f"recording {recording.name} has dt={recording.dt}, the card {trial.card.dt}: make them the same."
-                )
+            broken_if(
+                recording.dt != trial.card.dt,
+                f"recording {recording.name} has dt={recording.dt}, the card {trial.card.dt}: make them the same.",
+            )
 
 
 def windows(trial: DomainTrial) -> None:
@@ -176,11 +176,11 @@ def windows(trial: DomainTrial) -> None:
                 f"[A, {HISTORY}, number of names]."
             ) from error
         given, named = truth.observation.history.shape[2], len(trial.card.features)
-        if given != named:
-            raise CheckError(
-                f"the history of windows({split!r}) has {given} columns and the card names {named} features: give one "
-                "name for each."
-            )
+        broken_if(
+            given != named,
+            f"the history of windows({split!r}) has {given} columns and the card names {named} features: give one "
+            "name for each.",
+        )
 
 
 def features(trial: DomainTrial) -> None:
@@ -189,16 +189,17 @@ def features(trial: DomainTrial) -> None:
     if not domain.feature_names:
         return
     problem = features_problem(domain, trial.recordings("test"))
-    if problem:
-        raise CheckError(problem)
+    broken_if(problem, problem)
 
 
 def deterministic(trial: DomainTrial) -> None:
     """Recordings asked for twice are the same."""
     for split in SPLITS:
         first, again = trial.recordings(split), trial.domain.recordings(split)
-        if len(first) != len(again) or not all(_same(a, b) for a, b in zip(first, again, strict=True)):
-            raise CheckError(f"recordings({split!r}), asked for twice, gave two answers: draw from a fixed seed.")
+        broken_if(
+            len(first) != len(again) or not all(_same(a, b) for a, b in zip(first, again, strict=True)),
+            f"recordings({split!r}), asked for twice, gave two answers: draw from a fixed seed.",
+        )
 
 
 def read_only(trial: DomainTrial) -> None:
@@ -218,20 +219,19 @@ def read_only(trial: DomainTrial) -> None:
                 array -= 1
                 if name == "xy":
                     array[...] = kept.xy  # adding and subtracting rounds
-                if spoilt:
-                    raise CheckError(
-                        f"writing into {name} of recordings({split!r}) changed what is returned next: return copies, "
-                        "or arrays with flags.writeable = False."
-                    )
+                broken_if(
+                    spoilt,
+                    f"writing into {name} of recordings({split!r}) changed what is returned next: return copies, "
+                    "or arrays with flags.writeable = False.",
+                )
 
 
 def reference(trial: DomainTrial) -> None:
     """No person of the reference scenes is among those of test at the same time."""
     people = shared_people(trial.recordings("reference"), trial.recordings("test"))
-    if people:
-        raise CheckError(
-            f"{people} people of recordings('reference') are in recordings('test') too: cut them from other frames."
-        )
+    broken_if(
+        people, f"{people} people of recordings('reference') are in recordings('test') too: cut them from other frames."
+    )
 
 
 def parameters(trial: DomainTrial) -> None:
@@ -311,8 +311,7 @@ def _same_elsewhere(trial: DomainTrial, make: Any, remedy: str) -> None:
         raise
     except Exception as error:
         raise CheckError(f"it raised {type(error).__name__}: {error}: {remedy}.") from error
-    if not same:
-        raise CheckError(f"the recordings or parameters are other ones: {remedy}.")
+    broken_if(not same, f"the recordings or parameters are other ones: {remedy}.")
 
 
 def _same(a: Recording, b: Recording) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 from motion_gym.checks import predictor_rules as rules
 from motion_gym.checks.predictor_rules import check_signature
 from motion_gym.checks.predictor_trials import PredictorTrial, gap, same, writable
-from motion_gym.checks.report import CheckError, NotChecked, Rule
+from motion_gym.checks.report import CheckError, NotChecked, Rule, broken_if
 from motion_gym.contract import MotionGymError, PredictorError
 from motion_gym.stepping.harness import guarded
 from motion_gym.stepping.snapshot import global_randomness, shared_arrays
@@ -36,8 +36,10 @@ def reset(trial: PredictorTrial) -> None:
     """Whoever observes can reset, and then forecasts as if fresh."""
     predictor = trial.make()
     check_signature(predictor, "reset")
-    if hasattr(predictor, "observe") and not hasattr(predictor, "reset"):
-        raise CheckError("there is observe but no reset: define reset(self), which forgets all that was observed.")
+    broken_if(
+        hasattr(predictor, "observe") and not hasattr(predictor, "reset"),
+        "there is observe but no reset: define reset(self), which forgets all that was observed.",
+    )
     if not hasattr(predictor, "reset"):
         return
     trial.comparable()
@@ -52,11 +54,11 @@ def reset(trial: PredictorTrial) -> None:
         raise NotChecked("observe raises") from error
     _reset(predictor)
     after = trial.ask(predictor)
-    if not same(before, after):
-        raise CheckError(
-            f"after observe and reset the forecasts are {gap(before, after)} from those before: bring back all that "
-            "observe changes."
-        )
+    broken_if(
+        not same(before, after),
+        f"after observe and reset the forecasts are {gap(before, after)} from those before: bring back all that "
+        "observe changes.",
+    )
 
 
 def fit(trial: PredictorTrial) -> None:
@@ -68,21 +70,23 @@ def fit(trial: PredictorTrial) -> None:
     predictor = trial.fresh()
     with global_randomness():
         returned = guarded(predictor, "fit", *trial.scenes.training(), 0)
-    if returned is not None and returned is not predictor:
-        raise CheckError(f"fit returned another object, a {type(returned).__name__}: return self.")
-    if getattr(predictor, "fitted", True) is not True:
-        raise CheckError(f"after fit, fitted is {predictor.fitted!r}: make it True.")
+    broken_if(
+        returned is not None and returned is not predictor,
+        f"fit returned another object, a {type(returned).__name__}: return self.",
+    )
+    fitted = getattr(predictor, "fitted", True)
+    broken_if(fitted is not True, f"after fit, fitted is {fitted!r}: make it True.")
     trial.comparable()
     first = trial.ask(predictor)
     for again, subject in ((trial.fresh(), "another one"), (predictor, "the same one again")):
         with global_randomness(1):
             guarded(again, "fit", *trial.scenes.training(), 0)
         answer = trial.ask(again)
-        if not same(first, answer):
-            raise CheckError(
-                f"{subject}, fitted to the same data with the same seed, forecasts {gap(first, answer)} away: begin "
-                "anew in fit, and draw from its seed alone."
-            )
+        broken_if(
+            not same(first, answer),
+            f"{subject}, fitted to the same data with the same seed, forecasts {gap(first, answer)} away: begin "
+            "anew in fit, and draw from its seed alone.",
+        )
 
 
 def unfitted(trial: PredictorTrial) -> None:
@@ -106,8 +110,10 @@ def save(trial: PredictorTrial) -> None:
     predictor = trial.make()
     for method, other in (("save", "load"), ("load", "save")):
         check_signature(predictor, method, "path")
-        if hasattr(predictor, method) and not hasattr(predictor, other):
-            raise CheckError(f"there is {method} but no {other}: define {other}(self, path).")
+        broken_if(
+            hasattr(predictor, method) and not hasattr(predictor, other),
+            f"there is {method} but no {other}: define {other}(self, path).",
+        )
     if not hasattr(predictor, "save"):
         return
     trial.comparable()
@@ -122,8 +128,9 @@ def save(trial: PredictorTrial) -> None:
         except MotionGymError as error:
             raise CheckError(f"what save wrote could not be loaded and asked: {error}") from error
     first = trial.ask(predictor)
-    if not same(first, answer):
-        raise CheckError(f"after save and load the forecasts are {gap(first, answer)} away: save all they need.")
+    broken_if(
+        not same(first, answer), f"after save and load the forecasts are {gap(first, answer)} away: save all they need."
+    )
 
 
 def copy(trial: PredictorTrial) -> None:
@@ -150,20 +157,20 @@ def _copies(trial: PredictorTrial, copier: Callable[[Any], Any]) -> None:
             "of it, or define __getstate__."
         ) from error
     common = shared_arrays(predictor, twin)
-    if common:
-        raise CheckError(f"the copy shares the memory of {', '.join(common[:3])}: copy arrays too.")
+    broken_if(common, f"the copy shares the memory of {', '.join(common[:3])}: copy arrays too.")
     if not asks:
         return
     first, answer = trial.ask(predictor), trial.ask(twin)
-    if not same(first, answer):
-        raise CheckError(f"the copy forecasts {gap(first, answer)} away: carry all state over.")
+    broken_if(not same(first, answer), f"the copy forecasts {gap(first, answer)} away: carry all state over.")
     if hasattr(twin, "observe"):
         try:
             trial.observe(twin)
         except MotionGymError:
             return  # rule `observe` says so
-        if not same(first, trial.ask(predictor)):
-            raise CheckError("what the copy observed changed the forecasts of the original: share nothing.")
+        broken_if(
+            not same(first, trial.ask(predictor)),
+            "what the copy observed changed the forecasts of the original: share nothing.",
+        )
 
 
 def _reset(predictor: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 from typing import Any
 
@@ -17,7 +18,7 @@ from motion_gym.checks.predictor_trials import (
     swapped,
     writable,
 )
-from motion_gym.checks.report import CheckError, NotChecked
+from motion_gym.checks.report import CheckError, NotChecked, broken_if
 from motion_gym.contract import Forecast, MotionGymError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.harness import guarded
@@ -32,8 +33,10 @@ def attributes(trial: PredictorTrial) -> None:
     predictor = trial.make()
     for attribute, kind in (("fitted", bool), ("name", str), ("selection", str)):
         value = getattr(predictor, attribute, None)
-        if value is not None and not isinstance(value, kind):
-            raise CheckError(f"{attribute} is {value!r}: make it of type {kind.__name__}.")
+        broken_if(
+            value is not None and not isinstance(value, kind),
+            f"{attribute} is {value!r}: make it of type {kind.__name__}.",
+        )
 
 
 def predict(trial: PredictorTrial) -> None:
@@ -90,8 +93,10 @@ def pure(trial: PredictorTrial) -> None:
             trial.observe(predictor)
         except MotionGymError:
             return  # rule `observe` says so
-        if not same(trial.ask(predictor), trial.ask(predictor)):
-            raise CheckError(f"after observe, predict asked twice gave two answers: {remedy}")
+        broken_if(
+            not same(trial.ask(predictor), trial.ask(predictor)),
+            f"after observe, predict asked twice gave two answers: {remedy}",
+        )
 
 
 def state(trial: PredictorTrial) -> None:
@@ -105,8 +110,7 @@ def state(trial: PredictorTrial) -> None:
     _ask_others(trial, predictor)
     trial.ask(predictor)
     touched = changed(before, snapshot(predictor))
-    if touched:
-        raise CheckError(f"predict changed {', '.join(touched[:3])}: leave it as it is, or change it in observe.")
+    broken_if(touched, f"predict changed {', '.join(touched[:3])}: leave it as it is, or change it in observe.")
 
 
 def input_(trial: PredictorTrial) -> None:
@@ -119,14 +123,15 @@ def input_(trial: PredictorTrial) -> None:
     for method, arguments in calls:
         if not hasattr(predictor, method):
             continue
-        before = snapshot(arguments := writable(arguments))
+        before = snapshot(arguments := copy.deepcopy(arguments))
         try:
             with global_randomness():
                 guarded(predictor, method, *arguments)
         except MotionGymError:
             continue  # the rule of that method says so
-        if snapshot(arguments) != before:
-            raise CheckError(f"{method} changed its input: work on a copy, as observation.history.copy().")
+        broken_if(
+            snapshot(arguments) != before, f"{method} changed its input: work on a copy, as observation.history.copy()."
+        )
 
 
 def buffer(trial: PredictorTrial) -> None:
@@ -138,8 +143,10 @@ def buffer(trial: PredictorTrial) -> None:
     kept = positions.copy()
     trial.ask(predictor, seed=4)
     _ask_others(trial, predictor)
-    if not np.array_equal(positions, kept):
-        raise CheckError("predict wrote into an array that it had returned before: return a new one each time.")
+    broken_if(
+        not np.array_equal(positions, kept),
+        "predict wrote into an array that it had returned before: return a new one each time.",
+    )
 
 
 def randomness(trial: PredictorTrial) -> None:
@@ -148,11 +155,11 @@ def randomness(trial: PredictorTrial) -> None:
     predictor, given = trial.ready(), writable(trial.scenes.truth.observation)
     with global_randomness() as used:
         guarded(predictor, "predict", given, samples=SAMPLES, seed=3)
-    if used:
-        raise CheckError(
-            f"predict drew from, or seeded, the global generator of {' and '.join(used)}: use "
-            "numpy.random.default_rng(seed), or torch.Generator().manual_seed(seed)."
-        )
+    broken_if(
+        used,
+        f"predict drew from, or seeded, the global generator of {' and '.join(used)}: use "
+        "numpy.random.default_rng(seed), or torch.Generator().manual_seed(seed).",
+    )
 
 
 def seed(trial: PredictorTrial) -> None:
@@ -160,11 +167,11 @@ def seed(trial: PredictorTrial) -> None:
     trial.comparable()
     predictor = trial.ready()
     first = trial.ask(predictor)
-    if _drawn(first) and same(first, trial.ask(predictor, seed=5)):
-        raise CheckError(
-            "samples differ, but seeds 3 and 5 give the same ones: draw from numpy.random.default_rng(seed), or, if "
-            "they are fixed modes, return a Forecast with weights."
-        )
+    broken_if(
+        _drawn(first) and same(first, trial.ask(predictor, seed=5)),
+        "samples differ, but seeds 3 and 5 give the same ones: draw from numpy.random.default_rng(seed), or, if "
+        "they are fixed modes, return a Forecast with weights.",
+    )
 
 
 def scenes(trial: PredictorTrial) -> None:
@@ -177,18 +184,20 @@ def scenes(trial: PredictorTrial) -> None:
     for parity in (0, 1) if trial.scenes.synthetic else ():
         kept = here.scene_index % 2 == parity
         off = distances(whole, trial.ask(predictor, swapped(here, trial.scenes.other.observation, ~kept)))[kept]
-        if (off > limit[kept]).any():
-            raise CheckError(f"other positions in some scenes moved forecasts of others by {off.max():.2g} m: {remedy}")
+        broken_if(
+            (off > limit[kept]).any(),
+            f"other positions in some scenes moved forecasts of others by {off.max():.2g} m: {remedy}",
+        )
     if _drawn(whole) or not same(whole, trial.ask(predictor, seed=5)):
         return  # one seed draws other noise for another batch
     for scene in range(here.scenes):
         rows = slice(here.scene[scene], here.scene[scene + 1])
         alone = trial.ask(predictor, pick_scenes(trial.scenes.truth, [scene]).observation)
         off = distances(whole.take(np.arange(rows.start, rows.stop)), alone)
-        if (off > limit[rows]).any():
-            raise CheckError(
-                f"alone, a scene is forecast {off.max():.2g} m from where it is among {here.scenes}: {remedy}"
-            )
+        broken_if(
+            (off > limit[rows]).any(),
+            f"alone, a scene is forecast {off.max():.2g} m from where it is among {here.scenes}: {remedy}",
+        )
 
 
 def check_signature(predictor: Any, method: str, *arguments: str, **keywords: Any) -> None:
@@ -197,8 +206,7 @@ def check_signature(predictor: Any, method: str, *arguments: str, **keywords: An
     if bound is None:
         return
     expected = ", ".join(("self", *arguments, *(f"{key}={value}" for key, value in keywords.items())))
-    if not callable(bound):
-        raise CheckError(f"{method} is a {type(bound).__name__}: make it a method {method}({expected}).")
+    broken_if(not callable(bound), f"{method} is a {type(bound).__name__}: make it a method {method}({expected}).")
     try:
         signature = inspect.signature(bound)
     except ValueError:

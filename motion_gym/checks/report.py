@@ -78,6 +78,12 @@ class CheckReport:
         return "\n".join(lines)
 
 
+def broken_if(fault: Any, message: str) -> None:
+    """Raise CheckError with the message if there is a fault."""
+    if fault:
+        raise CheckError(message)
+
+
 def describe(rules: Rules) -> dict[str, str]:
     """Description of each rule by its name."""
     return {name: (rule.__doc__ or "").strip().splitlines()[0].rstrip(".") for name, rule in rules.items()}

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.markup import escape
 
 from motion_gym import catalog
-from motion_gym.benchmarks import online_results
-from motion_gym.benchmarks.online_benchmark import BASELINE, NONE, ORACLE
+from motion_gym.benchmarks import store
+from motion_gym.benchmarks.identity import canonical, digest_of, stream_identity
+from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.online_tables import stream_table
-from motion_gym.cli.output import console, progress_bar, say
+from motion_gym.cli.output import Out, console, progress_bar, reporter, say, session_of
 from motion_gym.contract import PredictorError, SpecError
-from motion_gym.online.evaluation import check_options
+from motion_gym.data.storage import StorageError, cache_folder
+from motion_gym.online.evaluation import check_options, evaluate_online
 from motion_gym.online.streams import stream
 from motion_gym.online.target_oracle import TargetOracle
 from motion_gym.stepping.harness import ready
+
+DEFAULTS = {"labels": "matured", "scope": "stream", "realtime": False, "cost": None, "seed": 0}
+"""Options of ``evaluate_online`` that are not named in the identity of a run where they have these values."""
 
 
 def adapt(
@@ -34,7 +39,8 @@ def adapt(
     cost: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None,
     oracle: Annotated[str | None, tyro.conf.arg(metavar="PREDICTOR")] = None,
     seed: int = 0,
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None,
+    out: Out = None,
+    resume: bool = False,
 ) -> None:
     """Let adapters learn on a stream, beside constant velocity, the source model that never learns, and an oracle.
 
@@ -56,7 +62,9 @@ def adapt(
         cost: Seconds that an update is declared to take in realtime; measured by default.
         oracle: A predictor that was trained on these domains, for the adaptation gain.
         seed: Seed of the stream and of a predictor's samples.
-        out: Folder for one JSON file per run; a run that is there is not run again, one that was stopped goes on.
+        out: Folder for one JSON file per run. A run of shipped predictors, adapters and domains that is there is not
+            run again; your own are run each time, since their code and files cannot be known.
+        resume: Go on with the same command that was interrupted: its runs in OUT are reused, your own included.
     """
     if not adapter:
         raise SpecError(f"No adapter was named: add --adapter {next(iter(catalog.ADAPTERS))}, or see `motion-gym ls`.")
@@ -65,29 +73,49 @@ def adapt(
     check_options(labels, scope, realtime, cost)
     played = stream(list(on), kind, frames, cycles=cycles, seed=seed, split=split)
     source = ready(predictor, played.domains[0], seed)
-    who: dict[str, Any] = {BASELINE: catalog.predictor(BASELINE)}
-    who |= {row: catalog.adapter(row, source) for row in dict.fromkeys([NONE, *adapter])}
+    learners: dict[str, Any] = {BASELINE: catalog.predictor(BASELINE)}
+    learners |= {row: catalog.adapter(row, source) for row in dict.fromkeys([NONE, *adapter])}
     if oracle is not None:
-        who[ORACLE] = TargetOracle(oracle)
-    options = {"labels": labels, "scope": scope, "realtime": realtime, "cost": cost, "seed": seed}
-    found: dict[str, list[dict[str, Any]]] = {}
-    failures = []
+        learners[ORACLE] = TargetOracle(oracle)
+    options: dict[str, Any] = {"labels": labels, "scope": scope, "realtime": realtime, "cost": cost, "seed": seed}
+    arguments = ["adapt", predictor, *adapter, "on", *on, played.name, str(oracle), str(sorted(options.items()))]
+    session = session_of(out, arguments, resume)
+    kept = store.Store(None, out)
+    rows: dict[str, list[store.Run]] = {}
+    failures, unwritten = [], []
     with progress_bar() as progress:
-        for row, made in who.items():
-            task = progress.add_task(escape(row), total=None)
+        for row, learner in learners.items():
+            around = [predictor] if row not in (BASELINE, ORACLE) else [oracle] if row == ORACLE else []
+            asked = {name: value for name, value in options.items() if value != DEFAULTS[name]}
+            identity = stream_identity(row, [row, *around], predictor, played.name, played.domains, asked, session)
 
-            def report(done: int, of: int, what: str, task: Any = task) -> None:
-                progress.update(task, total=of, completed=done, description=escape(what))
+            def compute(learner: Any = learner, row: str = row, identity: dict[str, Any] = identity) -> dict[str, Any]:
+                checkpoint = checkpoint_of(identity)
+                report = reporter(progress, row)
+                card = evaluate_online(learner, played, checkpoint=checkpoint, report=report, **options)
+                return {"row": row, "of": predictor, **card.as_dict()}
 
             try:
-                found[row] = [online_results.run(row, made, predictor, played, out, report, **options)]
+                kept.get(identity, compute)
             except PredictorError as error:
                 if row in (BASELINE, NONE):
                     raise  # every table needs them
                 failures.append(f"{row}: {error}")
-            progress.remove_task(task)
-    console.print(stream_table(next(iter(found.values()))[0]["stream"], found))
+            except StorageError as error:
+                unwritten.append(str(error))
+            if run := kept.find(identity):
+                rows[row] = [run]
+    console.print(stream_table(played.name, rows))
     if failures:
         raise PredictorError("\n".join(failures))
+    if unwritten:
+        raise StorageError("\n".join(unwritten))
+    store.end(out)
     if out is not None:
         say(f"Results are in {out}.")
+
+
+def checkpoint_of(identity: dict[str, Any]) -> Path:
+    """File from which a run goes on that was stopped; in the user's cache, where nobody else can put one."""
+    folder = cache_folder() / "checkpoints"
+    return folder / f"{digest_of(json.dumps(canonical(identity), sort_keys=True))}.checkpoint"

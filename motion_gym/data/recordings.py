@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import warnings
 from collections import Counter
 from collections.abc import Sequence
@@ -22,6 +23,9 @@ from motion_gym.contract import EXACT, DataError, Recording, SpecError
 _NAMES = ("frame", "id", "x", "y")
 FARTHEST = 2.0**17
 """Farthest position from the origin, in the unit of the domain: float32 resolves 1/128 there."""
+
+
+_NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE)
 
 
 class _Fault(NamedTuple):
@@ -66,13 +70,11 @@ def read_recording(
             "as in \"path='2024'\"."
         )
     path = Path(path)
-    if not isinstance(columns, Sequence) or not all(isinstance(c, int) and not isinstance(c, bool) for c in columns):
-        raise SpecError(f"columns={columns!r} must be four column numbers, counted from 0: those of frame, id, x and y")
-    chosen = [int(column) for column in columns]
-    if len(chosen) != 4 or len(set(chosen)) != 4 or min(chosen) < 0:
+    chosen = list(columns) if isinstance(columns, Sequence) else []
+    whole = all(isinstance(c, int) and not isinstance(c, bool) and c >= 0 for c in chosen)
+    if not whole or len(chosen) != 4 or len(set(chosen)) != 4:
         raise SpecError(
-            f"columns={tuple(columns)!r} must be four different column numbers, counted from 0: those of "
-            "frame, id, x and y"
+            f"columns={columns!r} must be four different column numbers, counted from 0: those of frame, id, x and y"
         )
     _check_dt(dt)
     content = _bytes(path)
@@ -165,36 +167,33 @@ def _rises(table: np.ndarray) -> bool:
 
 def _first_fault(table: np.ndarray) -> _Fault | None:
     """The first bad row of [R, 4] frame, id, x, y."""
-    faults = []
-    infinite = ~np.isfinite(table)
-    if infinite.any():
-        row = int(infinite.any(axis=1).argmax())
-        column = int(infinite[row].argmax())
-        faults.append(_Fault(row, None, "finite", f"{_NAMES[column]} is {table[row, column]}, not a finite number"))
+    earlier = np.arange(len(table))
+    if not _rises(table):
+        _, first, pair = np.unique(table[:, :2], axis=0, return_index=True, return_inverse=True)
+        earlier = first[pair.reshape(-1)]
     with np.errstate(invalid="ignore"):
-        fraction = (table[:, :2] != np.rint(table[:, :2])) | (np.abs(table[:, :2]) >= EXACT)
-        backwards = np.diff(table[:, 0]) < 0
-    if fraction.any():
-        row = int(fraction.any(axis=1).argmax())
-        column = int(fraction[row].argmax())
-        what = f"{_NAMES[column]} is {table[row, column]:.17g}, not a whole number below 2**53"
-        faults.append(_Fault(row, None, "whole", what))
-    if backwards.any():
-        row = int(backwards.argmax()) + 1
-        what = f"frame {table[row, 0]:.17g} comes after frame {table[row - 1, 0]:.17g}"
-        faults.append(_Fault(row, row - 1, "order", what))
-    if _rises(table):
-        return min(faults, key=lambda fault: fault.row, default=None)
-    order = np.lexsort((table[:, 1], table[:, 0]))
-    pairs = table[order, :2]
-    again = np.flatnonzero((pairs[1:] == pairs[:-1]).all(axis=1))
-    if len(again):
-        # lexsort is stable: of two equal rows the later one of the table comes second.
-        first = again[order[again + 1].argmin()]
-        row, earlier = int(order[first + 1]), int(order[first])
-        what = f"frame {table[row, 0]:.17g} has agent {table[row, 1]:.17g} a second time"
-        faults.append(_Fault(row, earlier, "duplicate", what))
-    return min(faults, key=lambda fault: fault.row, default=None)
+        broken = (table[:, :2] != np.rint(table[:, :2])) | (np.abs(table[:, :2]) >= EXACT)
+        backwards = np.diff(table[:, 0], prepend=table[:1, 0]) < 0
+    bad = {
+        "finite": ~np.isfinite(table).all(axis=1),
+        "whole": broken.any(axis=1),
+        "order": backwards,
+        "duplicate": earlier < np.arange(len(table)),
+    }
+    rows = {kind: int(rows.argmax()) for kind, rows in bad.items() if rows.any()}
+    if not rows:
+        return None
+    kind = min(rows, key=lambda kind: rows[kind])
+    row, clash = rows[kind], {"order": rows[kind] - 1, "duplicate": int(earlier[rows[kind]])}.get(kind)
+    frame, agent = (f"{value:.17g}" for value in table[row, :2])
+    column = int((~np.isfinite(table[row]) if kind == "finite" else broken[row]).argmax())
+    what = {
+        "finite": f"{_NAMES[column]} is {table[row, column]}, not a finite number",
+        "whole": f"{_NAMES[column]} is {table[row, column]:.17g}, not a whole number below 2**53",
+        "order": f"frame {frame} comes after frame {table[row - 1, 0]:.17g}",
+        "duplicate": f"frame {frame} has agent {agent} a second time",
+    }[kind]
+    return _Fault(row, clash, kind, what)
 
 
 def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
@@ -207,32 +206,28 @@ def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
     delimiter = "," if 2 * sum("," in line for _, line in lines) > len(lines) else None
     split = [[field.strip() for field in line.split(delimiter)] for _, line in lines]
     width = Counter(map(len, split)).most_common(1)[0][0]
-    rows: list[list[float]] = []
-    bad: tuple[str, str] | None = None
-    for index, fields in enumerate(split):
-        bad = _bad_line(fields, width, columns, first=index == 0)
-        if (bad is None or index > 0) and index + 1 == len(split) and not text.endswith("\n"):
-            bad = (
-                "the file ends in the middle of this line",
-                "It was probably truncated: get it again. If the line is complete, end it with a newline.",
-            )
-        if bad is not None:
-            break
-        rows.append([float(fields[column]) for column in columns])
-    fault = _first_fault(np.array(rows).reshape(-1, 4))
+    bad = [_bad_line(fields, width, columns) for fields in split]
+    if not any(map(_NUMBER.fullmatch, split[0])):
+        bad[0] = ("this is not a line of numbers", "Delete the header line.")
+    elif not text.endswith("\n"):
+        bad[-1] = (
+            "the file ends in the middle of this line",
+            "It was probably truncated: get it again. If the line is complete, end it with a newline.",
+        )
+    good = next((number for number, problem in enumerate(bad) if problem), len(lines))
+    table = np.array([[float(fields[column]) for column in columns] for fields in split[:good]]).reshape(-1, 4)
+    fault = _first_fault(table)
     if fault is not None:
         earlier = "" if fault.earlier is None else f" (line {lines[fault.earlier][0]})"
         _refuse(path, *lines[fault.row], fault.what + earlier, _remedy(fault.kind, path, delimiter, columns))
-    if bad is not None:
-        _refuse(path, *lines[len(rows)], *bad)
-    return np.array(rows)
+    if good < len(lines):
+        _refuse(path, *lines[good], *(bad[good] or ("", "")))
+    return table
 
 
-def _bad_line(fields: list[str], width: int, columns: list[int], first: bool) -> tuple[str, str] | None:
+def _bad_line(fields: list[str], width: int, columns: list[int]) -> tuple[str, str] | None:
     """What is wrong with the fields of a line, and the remedy."""
-    numeric = [_is_number(field) for field in fields]
-    if first and not any(numeric):
-        return "this is not a line of numbers", "Delete the header line."
+    text = next((number for number, field in enumerate(fields) if not _NUMBER.fullmatch(field)), None)
     if len(fields) != width:
         return f"{len(fields)} columns where the other lines have {width}", "Correct or delete the line."
     if width <= max(columns):
@@ -240,22 +235,13 @@ def _bad_line(fields: list[str], width: int, columns: list[int], first: bool) ->
             f"{width} columns, but columns={tuple(columns)} needs {max(columns) + 1}",
             "Say with `columns` which columns, counted from 0, hold frame, id, x and y.",
         )
-    if not all(numeric):
-        field = fields[numeric.index(False)]
+    if text is not None:
         return (
-            f"column {numeric.index(False)} (counted from 0) is {field!r}, not a number",
+            f"column {text} (counted from 0) is {fields[text]!r}, not a number",
             "Correct or delete the line; numbers have a decimal point, and columns are separated by tabs, "
             "spaces or commas.",
         )
     return None
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return field.isascii() and "_" not in field
 
 
 def _remedy(kind: str, path: Path, delimiter: str | None, columns: list[int]) -> str:

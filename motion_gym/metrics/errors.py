@@ -15,7 +15,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, DataError, Forecast, PredictorError, SpecError, Truth
+from motion_gym.contract import FUTURE, Forecast, PredictorError, SpecError, Truth
+from motion_gym.data.validation import check_forecast
+from motion_gym.data.windows import check_truth
 
 MISS_DISTANCE = 2.0
 """Metres between the last forecast and the last true position beyond which a forecast is a miss."""
@@ -43,7 +45,7 @@ def ade(forecast: Forecast, truth: Truth) -> np.ndarray:
         PredictorError: The forecast has the wrong shape or holds positions or weights that cannot be.
         DataError: The truth contradicts itself.
     """
-    return mean_over_known(_most_likely_error(forecast, truth), _known(truth))
+    return mean_over_known(_checked(forecast, truth).error, truth.known)
 
 
 def fde(forecast: Forecast, truth: Truth) -> np.ndarray:
@@ -53,7 +55,7 @@ def fde(forecast: Forecast, truth: Truth) -> np.ndarray:
 
 def error_by_horizon(forecast: Forecast, truth: Truth) -> np.ndarray:
     """Displacement error of the most likely sample at each step: [A, 12] lengths, NaN where not known."""
-    return np.where(_known(truth), _most_likely_error(forecast, truth), np.nan)
+    return np.where(truth.known, _checked(forecast, truth).error, np.nan)
 
 
 def min_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
@@ -104,8 +106,7 @@ def collision_rate(forecast: Forecast, truth: Truth) -> np.ndarray:
     Returns:
         [A] float64, 0 or 1; 0 for an agent that is alone.
     """
-    _checked(forecast, truth)
-    track = forecast.most_likely().astype(np.float64)
+    track = _checked(forecast, truth).most_likely().astype(np.float64)
     scene = truth.observation.scene
     hit = np.zeros(len(track))
     # Agent i is paired with the later agents of its scene; pairs are numbered by i and made when needed.
@@ -149,7 +150,7 @@ def kde_nll(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     concentration = (weights**2).sum(axis=1)
     # The covariance of samples in one point is 0 times infinity; the kernel width then replaces it.
     unbiased = 1.0 / np.maximum(1.0 - concentration, 1e-12)
-    known = _known(truth)
+    known = truth.known
     loss = np.empty(known.shape)
     spread = np.zeros(len(known))
     for step in range(FUTURE):
@@ -234,26 +235,30 @@ def score(forecast: Forecast, truth: Truth, k: int = 1, unit: str = "m") -> dict
         PredictorError: The forecast has the wrong shape, fewer than k samples, or impossible values.
         DataError: The truth contradicts itself.
     """
-    plain = Forecast(_checked(forecast, truth), forecast.weights)
-    checked = _Checked(plain.positions, plain.weights, error=_error(plain, truth))
+    checked = _checked(forecast, truth)
     return {metric.name: metric(checked, truth, k) for metric in metric_rows(k, unit)}
 
 
 @dataclass(frozen=True, eq=False)
 class _Checked(Forecast):
-    """A forecast that ``score`` has held against its truth, so that not every metric does it again."""
+    """A forecast that has been checked against its truth, so that ``score`` checks it once for all metrics."""
 
     error: np.ndarray = field(kw_only=True)
-    """[A, 12] of the most likely sample."""
+    """[A, 12] displacement error of the most likely sample."""
+
+
+def _checked(forecast: Forecast, truth: Truth) -> _Checked:
+    if isinstance(forecast, _Checked):
+        return forecast
+    check_truth(truth, "The truth")
+    plain = check_forecast(forecast, truth.observation, None, "The predictor")
+    error = distance(plain.most_likely().astype(np.float64) - truth.future)
+    return _Checked(plain.positions, plain.weights, error=error)
 
 
 def distance(difference: np.ndarray) -> np.ndarray:
     """Euclidean length along the last axis."""
     return np.sqrt(np.einsum("...i,...i->...", difference, difference))
-
-
-def _known(truth: Truth) -> np.ndarray:
-    return np.asarray(truth.known, dtype=bool)
 
 
 def mean_over_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -263,21 +268,10 @@ def mean_over_known(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
 
 
-def _most_likely_error(forecast: Forecast, truth: Truth) -> np.ndarray:
-    if isinstance(forecast, _Checked):
-        return forecast.error
-    _checked(forecast, truth)
-    return _error(forecast, truth)
-
-
-def _error(forecast: Forecast, truth: Truth) -> np.ndarray:
-    return distance(forecast.most_likely().astype(np.float64) - truth.future)
-
-
 def _samples(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     """The first k samples, or the only one: [A, k or 1, 12, 2]."""
     _check_k(k)
-    positions = _checked(forecast, truth)
+    positions = _checked(forecast, truth).positions
     given = positions.shape[1]
     if 1 < given < k:
         raise PredictorError(
@@ -290,7 +284,7 @@ def _samples(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
 def _sample_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     """ADE of each sample: [A, k or 1]."""
     samples = _samples(forecast, truth, k)
-    known = _known(truth)
+    known = truth.known
     # One sample at a time: all of them at once in float64 would be the largest array of an evaluation.
     errors = (distance(samples[:, i].astype(np.float64) - truth.future) for i in range(samples.shape[1]))
     return np.stack([mean_over_known(error, known) for error in errors], axis=1)
@@ -299,19 +293,16 @@ def _sample_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
 def _sample_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     """FDE of each sample: [A, k or 1]."""
     last = _samples(forecast, truth, k)[:, :, -1].astype(np.float64)
-    return np.where(_known(truth)[:, -1:], distance(last - truth.future[:, None, -1]), np.nan)
+    return np.where(truth.known[:, -1:], distance(last - truth.future[:, None, -1]), np.nan)
 
 
 def _under_best_of_scene(error: np.ndarray, truth: Truth) -> np.ndarray:
     """The [A] errors under the sample with the smallest sum of [A, K] errors over each scene."""
     scene = truth.observation.scene
-    size = np.diff(scene)
-    # reduceat gives an empty scene the errors of the next one, so scenes without agents are left out.
-    filled = size > 0
-    if not filled.any():
+    if not len(error):
         return np.empty(0)
-    total = np.add.reduceat(np.where(np.isnan(error), 0.0, error), scene[:-1][filled], axis=0)
-    best = np.repeat(total.argmin(axis=1), size[filled])
+    total = np.add.reduceat(np.where(np.isnan(error), 0.0, error), scene[:-1], axis=0)
+    best = np.repeat(total.argmin(axis=1), np.diff(scene))
     return error[np.arange(len(error)), best]
 
 
@@ -348,46 +339,3 @@ def _log_density(
 def _check_k(k: int) -> None:
     if k < 1:
         raise SpecError(f"k is {k!r}; it is a number of samples, so it must be 1 or more.")
-
-
-def _checked(forecast: Forecast, truth: Truth) -> np.ndarray:
-    """Positions of the forecast, [A, K, 12, 2], after making sure that forecast and truth can be compared."""
-    if isinstance(forecast, _Checked):
-        return forecast.positions
-    scene, agents = truth.observation.scene, len(truth.future)
-    if truth.future.shape != (agents, FUTURE, 2) or truth.known.shape != (agents, FUTURE):
-        raise DataError(
-            f"Truth has future {truth.future.shape} and known {truth.known.shape}, expected "
-            f"({agents}, {FUTURE}, 2) and ({agents}, {FUTURE})."
-        )
-    if len(scene) == 0 or scene[0] != 0 or scene[-1] != agents or (np.diff(scene) < 0).any():
-        raise DataError(f"scene must rise from 0 to the {agents} agents of the truth, but is {scene}.")
-    if not np.isfinite(truth.future).all() and not np.isfinite(truth.future[_known(truth)]).all():
-        raise DataError("Truth holds steps that are marked as known but are not finite.")
-    if not isinstance(forecast, Forecast):
-        raise PredictorError(f"Expected a Forecast, got {type(forecast).__name__}; wrap it: Forecast(positions).")
-    positions = np.asarray(forecast.positions)
-    expected = f"expected ({agents}, K, {FUTURE}, 2): agents, samples (at least 1), steps, x and y in metres"
-    if positions.ndim != 4 or positions.shape[::2] != (agents, FUTURE) or positions.shape[3] != 2:
-        hint = "; for a single sample use positions[:, None]" if positions.shape == (agents, FUTURE, 2) else ""
-        raise PredictorError(f"Forecast positions have shape {positions.shape}, {expected}{hint}.")
-    if positions.shape[1] == 0 or positions.dtype.kind not in "fiu":
-        raise PredictorError(f"Forecast positions are {positions.dtype} of shape {positions.shape}, {expected}.")
-    if not np.isfinite(positions).all():
-        row, sample, step, _ = np.argwhere(~np.isfinite(positions))[0]
-        where = f"row {row}, scene {np.searchsorted(scene, row, side='right') - 1}"
-        xy = positions[row, sample, step].tolist()
-        raise PredictorError(
-            f"The forecast of agent {truth.observation.agent[row]} ({where}) is {xy} at step {step} of "
-            f"sample {sample}; every position must be finite."
-        )
-    if forecast.weights is not None:
-        weights = np.asarray(forecast.weights)
-        if weights.shape != positions.shape[:2]:
-            raise PredictorError(
-                f"Forecast weights have shape {weights.shape}, expected {positions.shape[:2]}: one for each "
-                "sample of each agent; leave them out if all samples are equally likely."
-            )
-        if not (np.isfinite(weights) & (weights >= 0)).all():
-            raise PredictorError("Forecast weights must be finite and not negative; log weights need exp first.")
-    return positions

@@ -203,6 +203,7 @@ def _card(run: Run, name: str) -> OnlineCard:
         selection=selection_of(run.predictor),
         values=ade,
         made=made,
+        person=person,
     )
 
 

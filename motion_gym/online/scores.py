@@ -111,6 +111,7 @@ class OnlineCard:
         selection: How weights were selected.
         values: ADE of each matured forecast, in order of being made; not written to files.
         made: Listed frame at which each was made; not written to files.
+        person: Agent that each is about, numbered over the stream; not written to files.
     """
 
     predictor: str
@@ -141,10 +142,11 @@ class OnlineCard:
     selection: str
     values: np.ndarray
     made: np.ndarray
+    person: np.ndarray
 
     def as_dict(self) -> dict[str, Any]:
         """All of it in plain types, except the values of each forecast."""
-        fields = (f.name for f in dataclasses.fields(self) if f.name not in ("values", "made"))
+        fields = (f.name for f in dataclasses.fields(self) if f.name not in ("values", "made", "person"))
         plain: dict[str, Any] = {name: getattr(self, name) for name in fields}
         for name in ("segments", "shifts"):
             plain[name] = [dataclasses.asdict(item) for item in plain[name]]

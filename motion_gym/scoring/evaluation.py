@@ -160,10 +160,12 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
     predictors, shown = [made], 0
     if observes and honest:
         predictors, shown = show_references(made, place, split, options.references, options.reference_draws)
-    forecasts, verified, seconds = [], "", 0.0
+    forecasts: list[Forecast] = []
+    verified, seconds = "", 0.0
     for each in predictors:
         forecast, truth, said, spent = _forecast(each, place, truth, options)
-        forecasts, verified, seconds = [*forecasts, forecast], verified or said, seconds + spent
+        verified, seconds = verified or said, seconds + spent
+        forecasts.append(forecast)
     unit = place.card.unit
     each_value = [score(forecast, truth, options.samples, unit) for forecast in forecasts]
     values = {name: np.stack([v[name] for v in each_value]) for name in each_value[0]}
@@ -281,6 +283,7 @@ def _weights_seed(predictor: Any) -> int | None:
 
 
 def _seeds_of(predictor: Any) -> list[int]:
+    getattr(predictor, "trained_on", None)  # weights that are loaded when first needed are loaded now
     card = getattr(predictor, "card", None)
     return list(card.get("seeds", ())) if isinstance(card, Mapping) else []
 
@@ -292,9 +295,10 @@ def _by_seed(predictor: Any, seeds: str | Sequence[int], seed: int) -> list[tupl
     name, parameters = catalog.parse_spec(predictor)
     there = _seeds_of(catalog.predictor(predictor))
     if isinstance(seeds, str):
-        if seeds != "all" or not there:
-            why = "is not known: write 'all' or a list of numbers" if seeds != "all" else f"{predictor} has no weights"
-            raise SpecError(f"`seeds={seeds}`: {why}. A predictor without weights takes a list, as seeds=[0, 1, 2].")
+        if seeds != "all":
+            raise SpecError(f"`seeds={seeds}` is not known: write 'all' or a list of numbers.")
+        if not there:
+            raise SpecError(f"`seeds=all`: {predictor} has no weights; name the seeds of its fit, as seeds=[0, 1, 2].")
         seeds = there
     if not seeds:
         raise SpecError("`seeds` is empty: name at least one seed, or 'all'.")

@@ -17,6 +17,8 @@ from motion_gym.benchmarks.claims import (
     Panel,
     claims_table,
     compare,
+    pretraining_panel,
+    reference_panel,
     verdict,
 )
 from motion_gym.benchmarks.claims_page import page, verdict_table
@@ -120,6 +122,30 @@ def test_claims_are_tested_under_the_honest_protocol_unless_they_name_a_panel():
     paper = Panel("1", {key: values - 0.2 for key, values in PANEL.errors.items()}, ("a",), "Paper", "paper")
     unnamed, named = Claim("x", ["style"], ["plain"], ["a"]), Claim("y", ["style"], ["plain"], ["a"], panel="1")
     assert [c["panel"] for c in compare([unnamed, named], [PANEL, paper])] == ["A part", "Paper"]
+
+
+def test_panels_of_studies_name_their_columns():
+    study = {"counts": [0, 4], "ade": {"0.6": {"modular": [[0.2, 0.3], [0.1, 0.2]]}}}
+    panel = reference_panel(study, {("style_erm", "0.6"): np.array([0.4, 0.5]), ("style_erm", "0.4"): np.zeros(2)})
+    assert panel.columns == ("0.6, 0 references", "0.6, 4 references")
+    assert panel.errors["modular", "0.6, 4 references"].tolist() == [0.1, 0.2]
+    assert panel.errors["style_erm", "0.6, 4 references"].tolist() == [0.4, 0.5]
+    curves = {"ade": {"orca:d=0.1": {"pre-trained": [[0.3, 0.4], [0.1, 0.2]]}}}
+    assert pretraining_panel(curves).errors["pre-trained", "orca:d=0.1, 2 epochs"].tolist() == [0.1, 0.2]
+    (unnamed,) = [Claim("x", ["style_erm"], ["modular"])]
+    assert compare([unnamed], [panel]) == []  # a panel of a study is tested where it is named
+
+
+def test_a_test_is_told_in_words():
+    def test(**options):
+        return Claim("x", ["a"], ["b"], **options).test
+
+    assert test() == "lower, paired t-test with corrected p < 0.05; everywhere"
+    assert test(ratio=(0, 0.5), significant=False) == "ratio of means at most 0.50; everywhere"
+    assert test(ratio=(1.5, float("inf")), significant=False) == "ratio of means 1.50 or more; everywhere"
+    assert test(ratio=(0.9, 1.1), each_seed=True, where=NOWHERE) == (
+        "ratio of means 0.90 to 1.10 for each seed, paired t-test with p < 0.05; nowhere"
+    )
 
 
 def test_a_claim_that_compares_with_nothing_is_refused():

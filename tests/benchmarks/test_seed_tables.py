@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motion_gym.benchmarks import published_tables, seed_tables
-from motion_gym.benchmarks.shipped import Part
+from motion_gym.benchmarks.objects import Part
 from motion_gym.contract import DataError
 from tests.scored_runs import scored
 
@@ -76,3 +76,10 @@ def test_published_numbers_stand_in_columns_of_their_own(results):
     ours = seed_tables.over_seeds(PART, results, "JADE_20")["erm", "64"].mean()
     assert row[6] == f"{100 * (ours / 2.77 - 1):+.0f} %"
     assert ["gcrl", "8", "1", "-", "-", ".988 / 1.872", "-"] in list(map(list, table.rows))
+
+
+def test_published_numbers_are_rows_of_a_panel_for_claims(results):
+    panel = published_tables.spurious_panel([(PART, results)])
+    assert panel.errors["the paper: erm", "64"] == [2.77] and panel.columns == ("1", "8", "64")
+    ours = [r["metrics"]["JADE_20"]["mean"] for r in results if PART.column_of(r) == "64" and "erm" in r["predictor"]]
+    assert panel.errors["erm", "64"].tolist() == ours

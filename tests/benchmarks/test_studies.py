@@ -9,7 +9,7 @@ import pytest
 import motion_gym
 from motion_gym import catalog
 from motion_gym.benchmarks import figures, seed_tables, studies, study_tables
-from motion_gym.benchmarks.shipped import Part
+from motion_gym.benchmarks.objects import Part
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors import transfer

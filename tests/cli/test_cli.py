@@ -5,14 +5,17 @@ import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from motion_gym import catalog
-from motion_gym.benchmarks import shipped as benchmarks
+from motion_gym.benchmarks.running import BENCHMARKS
 from motion_gym.cli.main import main
 from motion_gym.data import datasets
 from motion_gym.data.storage import data_folder
@@ -81,12 +84,7 @@ def call(capsys, line):
     main(shlex.split(line))
     captured = capsys.readouterr()
     assert captured.err == ""
-    assert (
-        max(map(len, captured.out.splitlines()), default=0) <= 80
-        or "data" in line
-        or "table" in line
-        or line.startswith("run")
-    )
+    assert max(map(len, captured.out.splitlines()), default=0) <= 80 or "data" in line or line.startswith("run")
     return captured.out
 
 
@@ -103,7 +101,7 @@ def fail(capsys, line):
 def shell(line, cwd, **environment):
     """Run a command line as a user does."""
     return subprocess.run(
-        [sys.executable, "-m", "motion_gym.cli.main", *shlex.split(line)],
+        [sys.executable, "-m", "motion_gym", *shlex.split(line)],
         cwd=cwd,
         env={**os.environ, "COLUMNS": "80", **environment},
         capture_output=True,
@@ -123,7 +121,7 @@ def test_ls_lists_everything(capsys):
     for name, entry in {**catalog.DOMAINS, **catalog.PREDICTORS}.items():
         assert re.search(rf"^ *{re.escape(name)} ", out, re.MULTILINE), name
         assert entry.env_id is None or entry.env_id in out
-    for name in (*(metric.name for metric in METRICS), "honest", "paper", *datasets.DATASETS):
+    for name in (*BENCHMARKS, *(metric.name for metric in METRICS), "honest", "paper", *datasets.DATASETS):
         assert re.search(rf"^ *{re.escape(name)} ", out, re.MULTILINE), name
 
 
@@ -162,17 +160,171 @@ def test_side_channel_is_named_under_its_table(capsys, eth_ucy):
     assert first.count("oracle side channel: sigma reads the future") == 2 and "side channel" not in second
 
 
-def test_out_keeps_results_and_skips_those_that_are_there(capsys, folder):
+def test_out_keeps_runs_and_skips_those_that_are_there(capsys, folder):
     line = "score stand_still --domain orca:scenes=20 --out results/a"
     out = call(capsys, line)
     assert "Results are in results/a." in out
-    files = sorted((folder / "results" / "a").iterdir())
+    files = sorted((folder / "results" / "a").glob("*.json"))
     assert [path.name.partition("--")[0] for path in files] == ["constant_velocity", "orca_oracle", "stand_still"]
     kept = json.loads(files[2].read_text())
-    assert ("stand_still", f"{kept['metrics']['ADE']['mean']:.3f}") in rows(out)
+    mean = f"{kept['metrics']['ADE']['mean']:.3f}"
+    assert ("stand_still", mean.removeprefix("0")) in rows(out)
     times = [path.stat().st_mtime_ns for path in files]
     assert call(capsys, line) == out
     assert [path.stat().st_mtime_ns for path in files] == times
+
+
+HELPED = """
+import numpy as np
+from helper import SCALE
+
+
+class Steady:
+    selection = "nothing was selected"
+
+    def predict(self, observation, samples=1, seed=0):
+        steps = SCALE * np.arange(1, 13, dtype=np.float32)[:, None]
+        return observation.xy[:, None, None, -1] + steps * np.float32(0.1)
+
+
+class FromFile:
+    def __init__(self, path="w.npy"):
+        self.path, self.scale = path, float(np.load(path))
+
+    def predict(self, observation, samples=1, seed=0):
+        return np.repeat(observation.xy[:, None, None, -1], 12, axis=2) + np.float32(self.scale)
+"""
+OWN_DOMAIN = """
+import motion_gym
+
+
+class Mine(motion_gym.RecordedDomain):
+    name = "mine"
+    splits = ("train", "val", "test")
+
+    def recordings(self, split):
+        return [motion_gym.read_recording(f"{'test' if split == 'test' else 'train'}.txt", dt=0.4)]
+
+    def sources(self):
+        return [self]
+"""
+
+
+def walkers(path, bend):
+    """Ten people who walk side by side and turn a little more at each step."""
+    lines = [
+        f"{10 * t}\t{n + 1}\t{0.4 * t:.3f}\t{2 * n + bend * t * t * (1 + 0.1 * n):.3f}"
+        for t in range(30)
+        for n in range(10)
+    ]
+    Path(path).write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("changed", ["a module that is imported", "a file that is loaded", "a file that is named"])
+def test_an_own_predictor_is_scored_anew_when_what_it_needs_changed(folder, changed):
+    (folder / "steady.py").write_text(HELPED)
+    predictor = {"a module that is imported": "steady:Steady", "a file that is loaded": "steady:FromFile"}.get(
+        changed, "steady:FromFile:path=v.npy"
+    )
+    printed = {}
+    for scale in (1.0, 3.0):
+        (folder / "helper.py").write_text(f"SCALE = {scale}  {'#' * int(scale)}\n")
+        for name in ("w.npy", "v.npy"):
+            np.save(folder / name, scale)
+        for out in ("o", f"fresh{scale}"):
+            done = shell(f"score {predictor} --domain orca:scenes=20 --out {out}", folder, PYTHONDONTWRITEBYTECODE="1")
+            assert done.returncode == 0, done.stderr
+            printed[scale, out.rstrip("0123.")] = dict(rows(done.stdout))[predictor]
+    assert printed[1.0, "o"] == printed[1.0, "fresh"] != printed[3.0, "fresh"] == printed[3.0, "o"]
+
+
+def test_a_shipped_predictor_is_fitted_anew_when_the_training_file_of_an_own_domain_changed(capsys, folder):
+    (folder / "own_places.py").write_text(OWN_DOMAIN)
+    walkers("test.txt", 0.01)
+    printed = []
+    for bend in (0.01, 0.0):
+        walkers("train.txt", bend)
+        printed.append(dict(rows(call(capsys, "score linear --domain own_places:Mine --out o")))["linear"])
+    fresh = dict(rows(call(capsys, "score linear --domain own_places:Mine --out fresh")))["linear"]
+    assert printed[0] != printed[1] == fresh
+
+
+def test_an_interrupted_command_is_resumed_with_its_own_runs(capsys, folder):
+    line = "score own_things:Standing own_things:Flat --domain orca:scenes=20 --out o"
+    fail(capsys, line)  # the second one stops the command
+    path = next((folder / "o").glob("own_things_Standing*"))
+    marked = {**json.loads(path.read_text()), "seconds": 12345.0}
+    path.write_text(json.dumps(marked))
+    resumed = fail(capsys, f"{line} --resume")
+    assert "Going on with the same command, which was interrupted: its runs in o are reused." in resumed.out
+    assert json.loads(path.read_text())["seconds"] == 12345.0
+    fail(capsys, line)
+    assert json.loads(path.read_text())["seconds"] != 12345.0
+    out = call(capsys, "score own_things:Standing --domain orca:scenes=20 --out o --resume")
+    assert "There is no interrupted command with these arguments in o: it begins anew." in out
+
+
+def test_scores_are_printed_although_they_cannot_be_written(capsys, folder):
+    (folder / "r").touch()
+    failed = fail(capsys, "score stand_still --domain orca:scenes=20 --out r/a")
+    assert "r/a" in failed.err and ("r" in failed.err)
+    read_only = folder / "full"
+    done = shell_with_full_disk("score stand_still --domain orca:scenes=20 --out full", folder)
+    assert done.returncode == 2 and "could not be written: File too large" in done.stderr
+    assert [name for name, _ in rows(done.stdout)] == ["constant_velocity", "stand_still", "orca_oracle"]
+    assert not list(read_only.glob("*.json"))
+
+
+def shell_with_full_disk(line, cwd):
+    """Run a command line where no file can grow beyond 1,000 bytes, with what it reads cached before."""
+    code = (
+        "import resource, signal, sys, motion_gym; motion_gym.domain('orca:scenes=20').windows('test'); "
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); "
+        "from motion_gym.cli.main import main; main(sys.argv[1:])"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code, *shlex.split(line)],
+        cwd=cwd,
+        env={**os.environ, "COLUMNS": "80"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_the_version_is_printed(capsys):
+    assert re.fullmatch(r"motion-gym \d+\.\d+\.\d+\n", call(capsys, "--version"))
+
+
+def test_an_interrupted_command_says_how_to_go_on(folder):
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "motion_gym",
+            "score",
+            "linear",
+            "--domain",
+            "orca",
+            "--domain",
+            "orca:d=0.6",
+            "--out",
+            "r",
+        ],
+        cwd=folder,
+        env={**os.environ, "MOTION_GYM_CACHE": str(folder / "cache")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not (folder / "r" / ".command").exists():
+        time.sleep(0.05)
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and "Traceback" not in err
+    assert "Stopped." in err and "the same command with --resume goes on" in err
 
 
 def test_own_classes_are_found_in_the_working_folder(capsys):
@@ -246,16 +398,15 @@ def test_predictor_that_fails_does_not_take_the_others_along(capsys):
         ("score linear --domain orca:scenes=9 --k 0", "`k=0` must be a whole number, 1 or more"),
         ("score linear --domain orca:scenes=9 --seed -1", "`seed=-1` must be a whole number, 0 or more"),
         ("score nowhere:Class --domain orca", "no module `nowhere`"),
-        ("score own_things:Misspelt --domain orca", "Misspelt is not a predictor: it has no method `predict`"),
+        ("score own_things:Misspelt --domain orca", "Misspelt cannot be used as predictor: it has no method `predict`"),
         ("score :X --domain orca", "`:X` is no predictor: write `module:Class`"),
         ("score orca_oracle --domain own_things:Nothing", "Module `own_things` has no `Nothing`"),
         ("check ocra", "no predictor or domain `ocra`. Did you mean `orca`?"),
-        ("check own_things:Misspelt", "neither a predictor (method `predict`) nor a domain (`windows`, `recordings`)"),
+        ("check own_things:Misspelt", "neither a predictor (method `predict`) nor a domain (`recordings`)"),
         ("check own_things:Flat", "Flat.predict returned shape (3, 3)"),
         ("check own_things:Broken", "Broken has no card, recordings, reference"),
         ("check linear:ridge=-1", "`ridge=-1` of linear must be a number, 0 or more"),
         ("check linear:ridge", "Write `linear:key=value`"),
-        ("table nowhere", "There is no result in nowhere. Make some: motion-gym score ... --out nowhere"),
         ("data add", "Which data set? motion-gym data add NAME; known: eth_ucy"),
         ("data add eth_ucy", "Where are the files? motion-gym data add eth_ucy --from DIR"),
         ("data add eth_ucy --from nowhere", "nowhere is not a folder"),
@@ -289,40 +440,15 @@ def test_bug_in_a_predictor_file_is_shown(folder):
     assert done.returncode != 0 and "undefined_name" in done.stderr and "buggy.py" in done.stderr
 
 
-def test_table_prints_and_goes_into_a_file(capsys, folder):
-    call(capsys, "score stand_still --domain orca:scenes=20 --out r")
-    out = call(capsys, "table r")
-    assert out.startswith("| domain | constant_velocity | stand_still | orca_oracle (oracle) | scored |\n")
-    target = folder / "README.md"
-    target.write_text("# Mine\n\n<!-- results: here -->\n<!-- results end -->\n")
-    assert call(capsys, "table r --into README.md --name here") == "README.md: written\n"
-    assert target.read_text() == f"# Mine\n\n<!-- results: here -->\n{out.rstrip()}\n<!-- results end -->\n"
-    assert call(capsys, "table r --into README.md --name here") == "README.md: already up to date\n"
-
-
-def test_table_into_a_file_without_markers(capsys, folder):
-    call(capsys, "score stand_still --domain orca:scenes=20 --out r")
-    (folder / "README.md").write_text("# Mine\n")
-    error = fail(capsys, "table r --into README.md").err
-    assert "README.md has no lines `<!-- results: baselines -->` and `<!-- results end -->`" in error
-    assert "cannot be read" in fail(capsys, "table r --into nowhere.md").err
-    assert (folder / "README.md").read_text() == "# Mine\n" and not (folder / "nowhere.md").exists()
-
-
-def test_damaged_result_is_named(capsys, folder):
-    call(capsys, "score stand_still --domain orca:scenes=20 --out r")
+def test_a_damaged_run_is_named_and_scored_anew(capsys, folder):
+    line = "score stand_still --domain orca:scenes=20 --out r"
+    out = call(capsys, line)
     path = next((folder / "r").glob("stand_still*"))
     path.write_text(path.read_text()[:100])
-    for line in ("table r", "score stand_still --domain orca:scenes=20 --out r"):
-        error = fail(capsys, line).err
-        assert path.name in error and "Delete it, and run the command again" in error
-    path.unlink()
-    call(capsys, "score stand_still --domain orca:scenes=20 --out r")
-
-
-def test_results_folder_that_is_a_file(capsys, folder):
-    (folder / "r").touch()
-    assert "could not be written" in fail(capsys, "score stand_still --domain orca:scenes=20 --out r").err
+    main(shlex.split(line))
+    captured = capsys.readouterr()
+    assert captured.out == out and path.name in captured.err and "warning" in captured.err
+    assert call(capsys, line) == out
 
 
 @pytest.mark.parametrize("thing", ["linear", "constant_velocity:velocity=mean", "own_things:Standing"])
@@ -385,19 +511,9 @@ def test_fetch_without_a_network_says_what_else_to_do(capsys, no_data, monkeypat
     assert not list(no_data.rglob("*.txt"))
 
 
-def test_baselines_without_data(no_data, folder):
-    done = shell("baselines --out r", folder, MOTION_GYM_DATA=str(no_data))
-    assert done.returncode == 0 and done.stderr == ""
-    assert max(map(len, done.stdout.splitlines())) <= 80
-    assert [name for name, _ in rows(done.stdout)] == ["constant_velocity", "stand_still", "linear", "orca_oracle"] * 3
-    for part in ("ETH-UCY was left out", "motion-gym data fetch eth_ucy"):
-        assert part in done.stdout
-    assert len(list((folder / "r").iterdir())) == 12
-
-
 def test_help_names_every_command_and_option(capsys):
     for line, words in {
-        "--help": ["score", "baselines", "table", "ls", "check", "data"],
+        "--help": ["score", "run", "adapt", "train", "ls", "check", "draw", "data"],
         "score --help": ["PREDICTOR", "--domain", "--k", "--protocol", "--split", "--seed", "--out"],
         "data --help": ["ls,add,fetch,verify", "--from"],
     }.items():
@@ -474,22 +590,3 @@ def test_what_cannot_be_trained_scored_or_imported_is_said(small_training, line,
     out = f" --out {folder}" if line.startswith(("train", "run")) else ""
     assert message in fail(capsys, line + out).err
     assert not folder.exists()
-
-
-def test_run_writes_runs_tables_and_a_readme(monkeypatch, capsys):
-    parts = [
-        benchmarks.Part(f"On {d}", {d: f"orca:d={d},scenes=20"}, ("constant_velocity", "stand_still"), (), "none")
-        for d in ("0.1", "0.6")
-    ]
-    monkeypatch.setitem(benchmarks.BENCHMARKS, "original", tuple(parts))
-    Path("README.md").write_text("Before\n<!-- results: original -->\n<!-- results end -->\nAfter\n")
-    out = call(capsys, "run original --into README.md")
-    assert "README.md: written" in out and f"Written: {Path('results/original/tables.md')}" in out
-    assert len(list(Path("results/original").glob("*.json"))) == 4
-    table = Path("README.md").read_text()
-    assert "| method | 0.1 | 0.6 | the paper, hotel |" in table and table.startswith("Before\n") and "After" in table
-    tables = Path("results/original/tables.md").read_text()
-    assert "### On 0.1" in tables and table.splitlines()[3] in tables
-    assert "README.md: already up to date" in call(capsys, "run original --into README.md")
-    monkeypatch.setattr(benchmarks, "run", None)  # what is asked for is looked at before anything is run
-    assert "has no lines `<!-- results: original -->`" in fail(capsys, "run original --into own_things.py").err

@@ -84,7 +84,9 @@ def test_stepping_the_environment_gives_the_same_scores(name, k):
     one, other = (evaluate(made, place, k=k, seed=3, through=through) for through in ("arrays", "environment"))
     assert list(one.metrics) == list(other.metrics) == [row.name for row in metric_rows(k)]
     for metric in one.metrics:
-        np.testing.assert_allclose(one.values[metric], other.values[metric], rtol=ROUNDING, atol=ROUNDING)
+        # A log density of a few samples divides squared distances by the square of the kernel's width, 0.01 m or so.
+        off = 1000 * ROUNDING if metric.startswith("KDE") else ROUNDING
+        np.testing.assert_allclose(one.values[metric], other.values[metric], rtol=ROUNDING, atol=off, err_msg=metric)
     for a, b in zip(vars(one.metrics["ADE"]).values(), vars(other.metrics["ADE"]).values(), strict=True):
         assert a == pytest.approx(b, abs=ROUNDING)
     np.testing.assert_allclose(one.horizon, other.horizon, atol=ROUNDING)

@@ -1,0 +1,62 @@
+"""The verb for data sets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.markup import escape
+
+from motion_gym.cli.output import console, say
+from motion_gym.contract import DataError, SpecError
+from motion_gym.data import datasets
+from motion_gym.data.storage import data_folder
+
+
+def data(
+    action: tyro.conf.Positional[Literal["ls", "add", "fetch", "verify"]],
+    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None,
+    source: Annotated[Path | None, tyro.conf.arg(name="from", metavar="FOLDER")] = None,
+) -> None:
+    """List, add, download or verify data sets.
+
+    Args:
+        action: ls: what there is and what is here; add: copy the files from a folder, after checking each; fetch:
+            download what is missing; verify: check every file against its checksum.
+        name: Name of the data set, as eth_ucy.
+        source: For add: the folder that holds the files, at any depth.
+    """
+    if action == "ls":
+        for entry, states in datasets.listing():
+            here = sum(state.state == "ok" for state in states)
+            console.print(f"[bold]{entry.name}[/bold]  {here} of {len(states)} files here", highlight=False)
+            for label, text in (
+                ("title", entry.title),
+                ("folder", str(data_folder() / entry.name)),
+                ("source", entry.source),
+                ("terms", entry.terms),
+                ("cite", entry.citation),
+            ):
+                say(f"  {label + ':':8}{text}")
+        return
+    if name is None:
+        raise SpecError(f"Which data set? motion-gym data {action} NAME; known: {', '.join(datasets.DATASETS)}.")
+    if action == "add":
+        if source is None:
+            raise SpecError(f"Where are the files? motion-gym data add {name} --from DIR")
+        states = datasets.add(name, source)
+    else:
+        states = datasets.fetch(name) if action == "fetch" else datasets.verify(name)
+    for state in states:
+        color = "green" if state.state == "ok" else "red"
+        console.print(
+            f"  [{color}]{state.state:8}[/{color}] {escape(str(state.path))}", highlight=False, soft_wrap=True
+        )
+    bad = [state for state in states if state.state != "ok"]
+    if bad:
+        raise DataError(
+            f"{len(bad)} of {len(states)} files of {name} are missing or damaged: `motion-gym data fetch {name}`, or "
+            f"`motion-gym data add {name} --from DIR`."
+        )
+    say(f"{name}: all {len(states)} files are here and whole.")

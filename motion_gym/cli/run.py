@@ -1,0 +1,113 @@
+"""The verb that runs a benchmark."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from motion_gym.benchmarks import marked_block, running, store
+from motion_gym.cli.output import Out, Text, console, progress_bar, reporter, say, session_of
+from motion_gym.contract import PredictorError
+from motion_gym.data.storage import StorageError
+
+FOLDER = Path("results")
+"""Where runs that had to be computed are kept, if no folder is named."""
+DEFAULT_JOBS = min(os.cpu_count() or 1, 4)
+SHOWN = 8
+"""Most missing rows that are named."""
+Rows = tyro.conf.UseAppendAction
+
+
+def run(
+    benchmark: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="BENCHMARK")],
+    predictor: Annotated[list[str], Rows, tyro.conf.arg(metavar="PREDICTOR")],
+    adapter: Annotated[list[str], Rows, tyro.conf.arg(metavar="ADAPTER")],
+    shift: Annotated[list[str], Rows, tyro.conf.arg(metavar="NAME")],
+    only: Annotated[list[str], Rows, tyro.conf.arg(metavar="ROW")],
+    of: Text = None,
+    fresh: bool = False,
+    resume: bool = False,
+    jobs: int = DEFAULT_JOBS,
+    out: Out = None,
+    into: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    pack: bool = False,
+) -> None:
+    """Show the table of a benchmark, and compute what is missing of it.
+
+    The runs of the shipped rows come with the package: they are shown without data, without PyTorch and without
+    computing. A predictor or an adapter of your own is scored on every column, and stands among them.
+
+    Args:
+        benchmark: A name (see `motion-gym ls`), or your own: module:OBJECT, a motion_gym.benchmarks.objects.Benchmark.
+        predictor: Further row: your own predictor (module:Class), or a spec, also with weights of your own. What can be
+            fitted is fitted on the sources of each column with five seeds, unless weights are given. Again for each.
+        adapter: Further row on the streams of online: your own adapter (module:Class), or a spec. Again for each.
+        shift: Shift of online that is run; all by default. Again for each.
+        only: Row that is computed if it is missing, or with --fresh again; all by default. Again for each.
+        of: Predictor that the adapter is put around; by default that of each shift.
+        fresh: Compute what is there as well.
+        resume: Go on with the same command that was interrupted: your own rows that it has scored are reused.
+        jobs: Processes that compute.
+        out: Folder for tables and figures, OUT/BENCHMARK/, and for one JSON file per computed run. Without it, nothing
+            but runs that had to be computed is written, to results/BENCHMARK/.
+        into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the table into.
+        pack: Put the runs of OUT into OUT/BENCHMARK.jsonl.xz, as they ship.
+    """
+    from motion_gym.benchmarks import pages
+
+    chosen = running.benchmark(benchmark)
+    count = running.processes(jobs)
+    folder = (out or FOLDER) / chosen.name
+    if into is not None:
+        marked_block.check_markers(into, chosen.name)
+    own = predictor or adapter or ":" in benchmark
+    arguments = ["run", benchmark, *predictor, "adapters", *adapter, "shifts", *shift, "of", str(of)]
+    session = session_of(folder, arguments, resume) if own else None
+    with progress_bar() as progress:
+        results = running.run(
+            chosen,
+            predictor,
+            folder,
+            adapters=adapter,
+            of=of,
+            shifts=shift,
+            fresh=fresh,
+            only=only,
+            jobs=count,
+            session=session,
+            report=reporter(progress, benchmark),
+        )
+    tables = pages.short(results)
+    for table in tables:
+        console.print(table)
+    if into is not None:
+        text = "\n\n".join(table.markdown(heading=0) for table in tables)
+        changed = marked_block.insert(into, chosen.name, text)
+        say(f"{into}: {'written' if changed else 'already up to date'}")
+    if pack:
+        results.kept.pack(out or FOLDER)
+    if out is not None:
+        for path in pages.write(results, folder):
+            say(f"Written: {path}")
+    if own:
+        store.end(folder)
+    _fail_if_missing(results)
+
+
+def _fail_if_missing(results: running.Results) -> None:
+    if results.unwritten:
+        raise StorageError("\n".join(results.unwritten))
+    reasons: dict[str, list[str]] = {}
+    for row, reason in results.missing.items():
+        reasons.setdefault(reason, []).append(row)
+    lines = [
+        f"Not shown: {', '.join(rows[:SHOWN])}{f' and {len(rows) - SHOWN} more' if len(rows) > SHOWN else ''}: {reason}"
+        for reason, rows in reasons.items()
+        if reason != running.NOT_ASKED
+    ]
+    if lines:
+        more = [f"... and {len(lines) - SHOWN} more messages"] if len(lines) > SHOWN else []
+        raise PredictorError("\n".join([*lines[:SHOWN], *more]))

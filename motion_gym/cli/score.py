@@ -1,0 +1,130 @@
+"""The verb that scores predictors on domains."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import tyro
+from rich.markup import escape
+
+from motion_gym import catalog
+from motion_gym.benchmarks import score_tables, store
+from motion_gym.benchmarks.identity import windows_identity
+from motion_gym.cli.output import Out, console, progress_bar, say, session_of
+from motion_gym.contract import Domain, PredictorError, SpecError
+from motion_gym.data.domains import spec_of
+from motion_gym.data.storage import StorageError
+from motion_gym.scoring.evaluation import BASELINE, default_k, evaluate
+
+Names = Annotated[list[str], tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR [PREDICTOR ...]")]
+
+
+def score(
+    predictors: Names,
+    domain: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="DOMAIN")],
+    k: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    protocol: str = "honest",
+    split: str = "test",
+    seed: int = 0,
+    references: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    shots: int = 0,
+    weights: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    out: Out = None,
+    resume: bool = False,
+) -> None:
+    """Score predictors on domains, between constant velocity and the domain's oracle if it has one.
+
+    Under the honest protocol the domains whose windows need two agents are scored a second time with all agents.
+
+    Args:
+        predictors: Names, specs (linear:sigma=true) or your own (module:Class).
+        domain: Name or spec, as eth:alpha=64 or orca:d=0.6; give it once for each domain.
+        k: Samples per agent; by default 1 (honest) or 20 (paper).
+        protocol: honest or paper.
+        split: Split to score.
+        seed: Seed of samples and fits.
+        references: Reference scenes that predictors with a style are shown; all by default.
+        shots: Scenes of the domain's training split that `transfer` is tuned on, and that those with a style are shown.
+        weights: Weights of those predictors that have some: a name, as spurious, or a .safetensors file.
+        out: Folder for one JSON file per run. A run of shipped predictors and domains that is there is not run again;
+            your own predictors and domains are scored each time, since their code and files cannot be known.
+        resume: Go on with the same command that was interrupted: its runs in OUT are reused, your own included.
+    """
+    if not predictors:
+        raise SpecError("No predictor was named: motion-gym score linear --domain eth. See `motion-gym ls`.")
+    if not domain:
+        raise SpecError("No domain was named: add --domain eth, or see `motion-gym ls`.")
+    if weights is not None:
+        predictors = _with_weights(predictors, weights)
+    for predictor in predictors:
+        catalog.predictor(predictor)
+    places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
+    options = {"protocol": protocol, "split": split, "seed": seed, "references": references, "shots": shots}
+    options["k"] = default_k(protocol) if k is None else k
+    session = session_of(out, ["score", *predictors, *domain, str(sorted(options.items()))], resume)
+    _score([(place, _between(predictors, place)) for place in places], store.Store(None, out), session, options)
+    store.end(out)
+    if out is not None:
+        say(f"Results are in {out}.")
+
+
+def _score(
+    jobs: Sequence[tuple[Domain, Sequence[str]]], kept: store.Store, session: str | None, options: dict[str, Any]
+) -> None:
+    done: list[store.Run] = []
+    failures: dict[str, list[str]] = {}
+    unwritten: dict[str, None] = {}
+    with progress_bar() as progress:
+        task = progress.add_task("", total=sum(len(names) for _, names in jobs))
+        for place, names in jobs:
+            progress.start()  # and stopped while a table is printed: they may share a terminal
+            rows = []
+            for name in names:
+                progress.update(task, description=escape(f"{name} on {spec_of(place)}"))
+                identity = windows_identity(name, place, session=session, **options)
+                try:
+                    kept.get(identity, lambda: evaluate(name, place, **options).as_dict())  # noqa: B023  # called now
+                except (PredictorError, SpecError) as error:
+                    failures.setdefault(f"{name}: {error}", []).append(spec_of(place))
+                except StorageError as error:
+                    unwritten[str(error)] = None
+                rows += [run] if (run := kept.find(identity)) else []
+                progress.advance(task)
+            progress.stop()
+            if rows:
+                console.print(score_tables.domain_table(rows))
+            done += rows
+    for line in score_tables.conditions(done) if done else ():
+        console.print(escape(line), style="dim", highlight=False)
+    if failures:
+        raise PredictorError("\n".join(f"{message} (on {', '.join(on)})" for message, on in failures.items()))
+    if unwritten:
+        raise StorageError("\n".join(unwritten))
+
+
+def _variants(place: Domain, protocol: str) -> list[Domain]:
+    """The domain, and under the honest protocol also the one in which agents that are alone count."""
+    if protocol != "honest" or place.card.parameters.get("min_agents", 1) == 1 or not hasattr(place, "replace"):
+        return [place]
+    return [place, place.replace(min_agents=1)]
+
+
+def _with_weights(predictors: Sequence[str], weights: str) -> list[str]:
+    """The specs, with weights where the predictor has some; SpecError if none has."""
+    specs, any_of_them = [], False
+    for spec in predictors:
+        name, parameters = catalog.parse_spec(spec)
+        takes = "weights" in inspect.signature(type(catalog.predictor(spec))).parameters
+        any_of_them |= takes
+        specs.append(catalog.format_spec(name, {**parameters, "weights": weights}) if takes else spec)
+    if not any_of_them:
+        raise SpecError(f"`--weights {weights}`: none of {', '.join(predictors)} has weights.")
+    return specs
+
+
+def _between(predictors: Sequence[str], place: Domain) -> list[str]:
+    """The predictors between constant velocity and the oracle, each once."""
+    oracle = [place.card.oracle] if place.card.oracle else []
+    return list(dict.fromkeys([BASELINE, *predictors, *oracle]))

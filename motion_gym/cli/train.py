@@ -1,0 +1,126 @@
+"""The verbs that make weights: by training, and from a file of the released program."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from motion_gym import catalog
+from motion_gym.cli.output import progress_bar, say
+from motion_gym.contract import SpecError
+from motion_gym.data.storage import check_writable
+from motion_gym.training import plans as training_plans
+
+RELEASED = ("erm", "counterfactual", "invariant")
+"""Predictors that the paper's released program trains on ETH-UCY."""
+MOST_SEEDS = 1000
+
+
+def train(
+    predictor: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR")],
+    benchmark: str,
+    seeds: str = "0-4",
+    device: str = "cpu",
+    resume: bool = False,
+    epochs: Annotated[tuple[int, ...] | None, tyro.conf.arg(metavar="INT [INT ...]")] = None,
+    every: int = 10,
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("weights"),
+) -> None:
+    """Train a predictor for a benchmark, all seeds in one pass.
+
+    Writes OUT/BENCHMARK/PREDICTOR.safetensors, its card, .json, and its last checkpoint, from which --resume goes on
+    with more epochs of the last stage. Score it: motion-gym score PREDICTOR --weights
+    OUT/BENCHMARK/PREDICTOR.safetensors --domain ...
+
+    Args:
+        predictor: Name or spec, as erm or invariant:penalty=1.
+        benchmark: What to train for: spurious (test on eth), spurious/hotel, original/hotel, style, ...
+        seeds: Seeds, as 0-4 or 0,2,5.
+        device: cpu or cuda.
+        resume: Go on from the last checkpoint; without it, one that is there is refused.
+        epochs: Epochs of each stage of the predictor; by default those of the benchmark.
+        every: Epochs from one checkpoint to the next.
+        out: Folder for weights and checkpoints.
+    """
+    made: Any = catalog.predictor(predictor)
+    if not hasattr(made, "fit") or "checkpoint" not in inspect.signature(made.fit).parameters:
+        raise SpecError(f"`{predictor}` is not trained in epochs: there is nothing to train. See `motion-gym ls`.")
+    from motion_gym.training import weight_files  # needs torch, as what is trained does
+
+    plan = training_plans.training(benchmark)
+    path = out / benchmark / weight_files.file_name(made.name)
+    checkpoint = path.with_suffix(".checkpoint")
+    for there in (checkpoint, path):
+        if there.exists() and not resume:
+            raise SpecError(f"{there} is there already: add --resume to go on, or delete it to start again.")
+    check_writable(path.parent)
+    options = {**plan.options_of(made.name), **({"epochs": epochs} if epochs else {})}
+    with progress_bar() as progress:
+        task = progress.add_task(made.name, total=None)
+
+        def report(state: Any) -> None:
+            score = "" if state.score is None else f", validation ADE {state.score:.3f} m"
+            text = f"{state.stage}: loss {state.loss:.3f}{score}"
+            progress.update(task, total=state.epochs, completed=state.epoch, description=text)
+
+        made.fit(
+            *plan.data(),
+            _seeds(seeds),
+            device=device,
+            checkpoint=checkpoint,
+            resume=resume,
+            every=every,
+            report=report,
+            names=plan.names(),
+            **options,
+        )
+    made.save(path)
+    card = made.card
+    scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
+    say(f"Written: {path}")
+    say(f"{len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} m.")
+
+
+def import_weights(
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")],
+    predictor: str,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> None:
+    """Turn a weight file of the paper's released program (.pth.tar) into one of ours.
+
+    The file is read safely: one that holds anything but tensors and plain values is refused, not opened.
+
+    Args:
+        file: The .pth.tar.
+        predictor: What it was trained as: erm, counterfactual or invariant.
+        out: Where the weights go; by default beside the file, ending in .safetensors.
+    """
+    made: Any = catalog.predictor(predictor)
+    if getattr(made, "kind", "") not in RELEASED:
+        raise SpecError(f"`{predictor}` has no weights of the released program: erm, counterfactual or invariant have.")
+    target = out if out is not None else file.with_name(file.name.split(".pth")[0] + ".safetensors")
+    if target.suffix != ".safetensors":
+        raise SpecError(f"`--out {target}` must end in .safetensors.")
+    if target.exists():
+        raise SpecError(f"{target} is there already: choose another place with --out, or delete it.")
+    made.from_released(file).save(target)
+    say(f"Written: {target} and its card. Score it:")
+    say(f"  motion-gym score {predictor} --weights {target} --domain eth:alpha=8 --k 20")
+
+
+def _seeds(text: str) -> list[int]:
+    """Seeds of ``0-4`` or ``0,2,5``."""
+    found: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        if not first.strip().isdecimal() or (dash and not last.strip().isdecimal()):
+            raise SpecError(f"`--seeds {text}` cannot be read: write 0-4, or 0,2,5.")
+        if int(last or first) - int(first) > MOST_SEEDS:
+            raise SpecError(f"`--seeds {text}` names more than {MOST_SEEDS} seeds: train fewer at a time.")
+        found += range(int(first), int(last or first) + 1)
+    if not found or len(set(found)) < len(found):
+        raise SpecError(f"`--seeds {text}` must name at least one seed, and each once.")
+    return found
