@@ -1,4 +1,4 @@
-"""How the harness uses a predictor: made ready, asked, and never trusted."""
+"""How the library calls a predictor: it makes it ready, asks it for forecasts, and checks every answer."""
 
 from __future__ import annotations
 
@@ -58,19 +58,19 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
     Raises:
         SpecError: the name is not known, or the domain names no sources to fit to.
     """
-    made = catalog.predictor(predictor)
-    unfitted = isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False)
-    if unfitted and getattr(made, "fit_on_demand", True):
+    instance = catalog.predictor(predictor)
+    unfitted = isinstance(predictor, (str, type)) and hasattr(instance, "fit") and not getattr(instance, "fitted", False)
+    if unfitted and getattr(instance, "fit_on_demand", True):
         train, validation = training_set(domain)
-        guarded(made, "fit", train, validation, seed)
-        if not hasattr(made, "trained_on"):
+        guarded(instance, "fit", train, validation, seed)
+        if not hasattr(instance, "trained_on"):
             with contextlib.suppress(AttributeError):  # it may not take further attributes
-                made.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
-    if hasattr(made, "know"):
-        guarded(made, "know", domain)
-    if hasattr(made, "reset"):
-        guarded(made, "reset")
-    return made
+                instance.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
+    if hasattr(instance, "know"):
+        guarded(instance, "know", domain)
+    if hasattr(instance, "reset"):
+        guarded(instance, "reset")
+    return instance
 
 
 def windows_of_domain(domain: Domain, split: str) -> Truth:
