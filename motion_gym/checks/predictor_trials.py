@@ -131,7 +131,8 @@ class PredictorTrial:
     def trainable(self) -> bool:
         """Whether the predictor has to be fitted before it can be asked."""
         instance = self.make()
-        return hasattr(instance, "fit") and getattr(instance, "fitted", False) is not True
+        unfitted = hasattr(instance, "fit") and getattr(instance, "fitted", False) is not True
+        return unfitted and getattr(instance, "fit_on_demand", True)
 
     @functools.cached_property
     def scenes(self) -> Scenes:

@@ -66,7 +66,10 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
         SpecError: the name is not known, or the domain names no sources to fit to.
     """
     instance = catalog.predictor(predictor)
-    if isinstance(predictor, (str, type)) and hasattr(instance, "fit") and not getattr(instance, "fitted", False):
+    unfitted = (
+        isinstance(predictor, (str, type)) and hasattr(instance, "fit") and not getattr(instance, "fitted", False)
+    )
+    if unfitted and getattr(instance, "fit_on_demand", True):
         train, validation = training_set(domain)
         guarded(instance, "fit", train, validation, seed)
         if not hasattr(instance, "trained_on"):
