@@ -84,7 +84,8 @@ class ScoreWindows(gymnasium.Wrapper):
             raise SpecError("No window has been forecast yet: step the environment before you ask for a score.")
         forecast = Forecast(np.concatenate(self._forecasts))
         env: Any = self.unwrapped
-        return _summary(forecast, pick_scenes(env.padded.truth, env.order[: len(self._forecasts)]), env.domain.card.unit)
+        truth = pick_scenes(env.padded.truth, env.order[: len(self._forecasts)])
+        return _summary(forecast, truth, env.domain.card.unit)
 
 
 def _summary(forecast: Forecast, truth: Truth, unit: str) -> dict[str, Summary]:
