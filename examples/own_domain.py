@@ -56,6 +56,6 @@ if __name__ == "__main__":
         write_an_example(path)
     domain = Tracks(path)
     motion_gym.check_domain(domain)
-    print(motion_gym.leak_probe(domain))
+    print(motion_gym.leak_probe("constant_velocity", domain))
     print(motion_gym.evaluate("constant_velocity", domain))
     print(f"Next: motion-gym score linear --domain own_domain:Tracks:path={path}")

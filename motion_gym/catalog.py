@@ -18,6 +18,7 @@ __all__ = [
     "PREDICTORS",
     "Entry",
     "adapter",
+    "alias_of",
     "domain",
     "format_spec",
     "load_class",
@@ -36,7 +37,8 @@ class Entry:
         target: ``module:Class``.
         summary: One line about it.
         env_id: Id of the Gymnasium environment, for a domain.
-        parameters: Parameters that the name stands for; the name with another value of them is refused.
+        parameters: Parameters that the name stands for. The name with another number is another setting, as
+            ``ema_anchor:anchor=0.1``; the name with another value of any other type is refused.
     """
 
     target: str
@@ -68,9 +70,13 @@ PREDICTORS = {
         "motion_gym.predictors.linear:Linear", "ridge regression in the heading frame; with sigma=true it needs sigma"
     ),
     "erm": Entry("motion_gym.predictors.stgat:Erm", "STGAT, the plain sum of all errors; needs PyTorch and sigma"),
-    "erm_no_sigma": Entry("motion_gym.predictors.stgat:ErmNoSigma", "STGAT, never given sigma; needs PyTorch"),
     "counterfactual": Entry(
-        "motion_gym.predictors.stgat:Counterfactual", "STGAT with the counterfactual decoder; needs PyTorch and sigma"
+        "motion_gym.predictors.stgat:Erm",
+        "STGAT with the counterfactual decoder; needs PyTorch and sigma",
+        parameters={"counterfactual": True},
+    ),
+    "erm_no_sigma": Entry(
+        "motion_gym.predictors.stgat:Erm", "STGAT, never given sigma; needs PyTorch", parameters={"sigma": False}
     ),
     "invariant": Entry(
         "motion_gym.predictors.stgat:Invariant",
@@ -87,23 +93,25 @@ PREDICTORS = {
         "two-agent network of the paper, without style; needs PyTorch and scenes of two agents",
     ),
     "style_invariant": Entry(
-        "motion_gym.predictors.modular:StyleInvariant",
+        "motion_gym.predictors.modular:StyleErm",
         "style_erm trained with IRMv1; needs PyTorch and scenes of two agents",
+        parameters={"penalty": 1.0},
     ),
     "modular": Entry(
         "motion_gym.predictors.modular:Modular",
         "style_erm that reads a style from scenes; needs PyTorch and scenes of two agents",
     ),
     "modular_invariant": Entry(
-        "motion_gym.predictors.modular:ModularInvariant",
+        "motion_gym.predictors.modular:Modular",
         "modular, its encoder by IRMv1; needs PyTorch and scenes of two agents",
+        parameters={"penalty": 1.0},
     ),
     "modular_stgat": Entry(
         "motion_gym.predictors.modular_stgat:ModularStgat",
         "STGAT that reads a style, any number of agents; needs PyTorch",
     ),
     "transfer": Entry(
-        "motion_gym.predictors.transfer:Transfer",
+        "motion_gym.predictors.adapters.transfer:Transfer",
         "around modular: tuned on a few scenes of a style; needs PyTorch and scenes of two agents",
     ),
     "refine": Entry(
@@ -131,7 +139,9 @@ ADAPTERS = {
         "motion_gym.predictors.adapters.finetune:Finetune", "gradient steps on new and remembered scenes"
     ),
     "ema_anchor": Entry(
-        "motion_gym.predictors.adapters.finetune:EmaAnchor", "finetune, pulled back to the trained weights"
+        "motion_gym.predictors.adapters.finetune:Finetune",
+        "finetune, pulled back to the trained weights",
+        parameters={"anchor": 0.01},
     ),
     "kalman": Entry("motion_gym.predictors.adapters.kalman:Kalman", "recursive Bayesian last layer, in closed form"),
     "hedge": Entry(
@@ -140,6 +150,32 @@ ADAPTERS = {
     "ekf": Entry("motion_gym.predictors.adapters.ekf:Ekf", "extended Kalman filter on a few weights"),
 }
 """Predictors around another one, that learn from revealed truth."""
+
+
+def alias_of(name: str, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """The alias of a predictor that implies most of its parameters, and the parameters that differ from the alias.
+
+    >>> alias_of("erm", {"sigma": False})
+    ('erm_no_sigma', {})
+    >>> alias_of("modular", {"penalty": 3.0})
+    ('modular_invariant', {'penalty': 3.0})
+
+    Args:
+        name: Name without an alias.
+        parameters: Parameters that are not at the defaults of the class.
+    """
+    table = {**PREDICTORS, **ADAPTERS}
+    for alias, entry in table.items():
+        same_class = entry.parameters and name in table and table[name].target == entry.target
+        if same_class and all(_agree(parameters.get(key), value) for key, value in entry.parameters.items()):
+            return alias, {k: v for k, v in parameters.items() if entry.parameters.get(k) != v}
+    return name, dict(parameters)
+
+
+def _agree(value: Any, implied: Any) -> bool:
+    """Whether a parameter may have this value under an alias: the implied one, or another number."""
+    both_numbers = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in (value, implied))
+    return both_numbers or bool(value == implied)
 
 
 def domain(spec: str | Domain, **parameters: Any) -> Domain:
@@ -284,9 +320,9 @@ def _factory(
         raise SpecError(f"There is no {kind.name} `{name}`.{hint} Your own: `module:Class`.")
     entry = kind.table[name]
     for key, value in entry.parameters.items():
-        if arguments.get(key, value) != value:
+        if not _agree(arguments.get(key, value), value):
             raise SpecError(f"`{name}` stands for `{key}={value}`, so `{key}={arguments[key]}` cannot be set on it.")
-    return name, load_class(entry.target, kind.name), {**arguments, **entry.parameters}
+    return name, load_class(entry.target, kind.name), {**entry.parameters, **arguments}
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str, Any], kind: str) -> None:

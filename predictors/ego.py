@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +13,9 @@ from motion_gym.data.windows import check_truth, pick_scenes_of
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import kept_distances, scenes_of
 from motion_gym.predictors.training.ego_training import EgoProgram, forecast
-from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
+from motion_gym.training.weight_files import check_shapes
 
 AGENTS_AT_ONCE = 4000
 """Agents of one forward pass, about, so that memory does not grow with the test set."""
@@ -27,17 +28,16 @@ class EgoErm(Weighted):
     included. Trained on the mean Euclidean distance. Deterministic.
 
     Args:
-        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
-        seed: Which of the seeds that the weights hold; by default the first.
+        weights: See ``Weighted``.
+        seed: See ``Weighted``.
     """
 
-    kind = "ego_erm"
-    shipped = "style"
+    kind: ClassVar[str] = "ego_erm"
+    shipped: ClassVar[str] = "style"
     networks: ClassVar[tuple[str, ...]] = ("plain",)
 
-    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
-        self.observed = np.zeros(2)
-        super().__init__(weights, seed)
+    observed: np.ndarray = np.zeros(2)
+    """[2] sums over the observed scenes, see ``kept_distances``; zero for a predictor without a style."""
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
@@ -77,7 +77,7 @@ class EgoErm(Weighted):
         Raises:
             PredictorError: there are no weights.
         """
-        weights = self._ready()
+        weights = self._ready(observation)
         parts = [np.zeros((0, FUTURE, 2))]
         per_scene = max(len(observation) // max(observation.scenes, 1), 1)
         at_once = max(AGENTS_AT_ONCE // per_scene, 1)
@@ -99,25 +99,22 @@ class EgoModular(EgoErm):
     ``ego_erm`` and constant velocity.
 
     Args:
-        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
-        seed: Which of the seeds that the weights hold; by default the first.
+        weights: See ``Weighted``.
+        seed: See ``Weighted``.
     """
 
-    kind = "ego_modular"
-    networks = ("plain", "manoeuvre")
-    scenes = 0
+    kind: ClassVar[str] = "ego_modular"
+    networks: ClassVar[tuple[str, ...]] = ("plain", "manoeuvre")
+    scenes: int = 0
 
     def observe(self, truth: Truth) -> None:
         """Read the style from pairs of agents whose 20 steps are all known.
 
         Raises:
             DataError: it is no proper Truth.
-            PredictorError: there are no weights, or its steps have no length.
+            PredictorError: there are no weights, or the scenes have another time step than they were trained on.
         """
-        self._ready()  # taking weights later would forget what was observed
-        check_truth(truth, "What was observed")
-        if not 0 < truth.observation.dt < np.inf:
-            raise PredictorError(f"What was observed has steps of {truth.observation.dt} s: they must be above 0.")
+        self._ready(check_truth(truth, "The observed truth").observation)
         self.observed = self.observed + kept_distances(truth).sum(axis=0)
         self.scenes += truth.observation.scenes
 

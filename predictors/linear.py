@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
-from motion_gym.predictors.sigma import check_sigma, relative_to_scene
+from motion_gym.predictors.networks.sigma import check_sigma, relative_to_scene
 
 if TYPE_CHECKING:
     from motion_gym.predictors.networks.last_layer import LastLayer
@@ -33,10 +33,11 @@ class Linear:
     def __init__(self, sigma: bool | str = False, ridge: float = 1.0):
         if isinstance(ridge, (str, bool)) or not 0 <= ridge < np.inf:
             raise SpecError(f"`ridge={ridge}` of linear must be a number, 0 or more.")
-        check_sigma(sigma, "linear")
-        self.sigma = sigma
+        self.sigma = check_sigma("sigma", sigma)
         self.ridge = ridge
         self.weight: np.ndarray | None = None
+        self.dt = 0.0
+        """Seconds per step of the data that it was fitted to."""
 
     @property
     def fitted(self) -> bool:
@@ -47,8 +48,11 @@ class Linear:
         """Fit to the windows of all environments; validation and seed are not needed.
 
         Raises:
-            PredictorError: there is no fully known window to learn from.
+            PredictorError: there is no fully known window to learn from, or time steps differ.
         """
+        steps = {round(truth.observation.dt, 6) for truth in train}
+        if len(steps) > 1:
+            raise PredictorError(f"linear cannot be fitted to time steps of {sorted(steps)} s at once: resample them.")
         rows, targets = [], []
         for truth in train:
             inputs, turn = self._inputs(truth.observation)
@@ -60,6 +64,7 @@ class Linear:
         if not len(x):
             raise PredictorError("linear cannot be fitted: the training set has no agent with 12 known future steps.")
         y = np.concatenate(targets)
+        self.dt = train[0].observation.dt
         self.weight = np.linalg.solve(x.T @ x + self.ridge * np.eye(x.shape[1]), x.T @ y)
         return self
 
@@ -67,38 +72,37 @@ class Linear:
         """Forecast [A, 1, 12, 2], metres.
 
         Raises:
-            PredictorError: not fitted, or sigma is asked for and the observation has none.
+            PredictorError: not fitted, fitted to another time step, or sigma is asked for and the observation has none.
         """
-        if self.weight is None:
-            raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")
+        weight = self._fitted_weight(observation)
         inputs, turn = self._inputs(observation)
         # One row at a time would give other last bits than a batch with BLAS: einsum sums each row alike.
-        offset = np.einsum("ai,ij->aj", inputs, self.weight).reshape(-1, FUTURE, 2)
+        offset = np.einsum("ai,ij->aj", inputs, weight).reshape(-1, FUTURE, 2)
         positions = observation.xy[:, -1:] + offset @ turn.transpose(0, 2, 1)
         return Forecast(positions[:, None].astype(np.float32))
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
-        """All of it: of each agent, to its offsets in the frame of its heading; see ``adapting.LastLayer``.
+        """The whole predictor, from the inputs of each agent to the offsets in its heading frame.
 
         Raises:
             PredictorError: not fitted, or sigma is asked for and the observation has none.
         """
-        from motion_gym.predictors.networks.last_layer import (
-            LastLayer,  # needs PyTorch, which this predictor does without
-        )
+        # Needs PyTorch, which the predictor itself does without.
+        from motion_gym.predictors.networks.last_layer import LastLayer
 
+        weight = self._fitted_weight(observation)
+        inputs, turn = self._inputs(observation)
+        return LastLayer(inputs, weight, observation.xy[:, -1:].astype(np.float64), turn, moves=False)
+
+    def _fitted_weight(self, observation: Observation) -> np.ndarray:
         if self.weight is None:
             raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")
-        inputs, turn = self._inputs(observation)
-        last = observation.xy[:, -1:].astype(np.float64)
-        return LastLayer(
-            inputs,
-            self.weight,
-            lambda outputs: last + outputs.reshape(-1, FUTURE, 2) @ turn.transpose(0, 2, 1),
-            lambda future: ((future - last) @ turn).reshape(-1, 2 * FUTURE),
-            lambda known: np.asarray(known.all(axis=1)),
-            lambda values: np.repeat(values, FUTURE).reshape(-1, FUTURE),
-        )
+        if not np.isclose(observation.dt, self.dt, rtol=1e-3):
+            raise PredictorError(
+                f"linear was fitted to time steps of {self.dt:.3g} s, and the observation has steps of "
+                f"{observation.dt:.3g} s: resample the data to {self.dt:.3g} s, or fit it to such steps."
+            )
+        return self.weight
 
     def _inputs(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
         """Rows [A, 15 or 23] and the matrices [A, 2, 2] that turn world row vectors into the heading frame."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -11,28 +12,36 @@ from torch import Tensor
 
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors.networks import pair_network
-from motion_gym.predictors.networks.last_layer import LastLayer
+from motion_gym.predictors.networks.last_layer import LastLayer, with_one
 from motion_gym.predictors.networks.pair_network import AGENTS, CODE, Pairs
+from motion_gym.predictors.settings import number, setting
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.objectives import Erm, Irm, Objective
 from motion_gym.predictors.training.style_training import PLAIN, Schedule, StyleProgram
 from motion_gym.predictors.training.transfer_training import PARTS
-from motion_gym.predictors.weighted import Weighted, Weights, check_shapes
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
+from motion_gym.training.weight_files import check_shapes
 
 
+@dataclass(eq=False, repr=False)
 class StyleErm(Weighted):
-    """The paper's two-agent network for style shifts, trained by empirical risk minimisation, without a style.
+    """The paper's two-agent network for style shifts, without a style, trained by empirical risk minimisation.
 
     Takes scenes of exactly two agents, in a fixed order, and their positions as they are. Deterministic.
+    ``style_invariant`` is the one that is trained with IRMv1, lambda 1 (the paper's invariant row).
 
     Args:
-        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
-        seed: Which of the seeds that the weights hold; by default the first.
+        weights: See ``Weighted``.
+        seed: See ``Weighted``.
+        penalty: Factor lambda of IRMv1 in the first stage; 0 for empirical risk minimisation.
     """
 
-    kind = "style_erm"
-    shipped = "style"
-    objective: ClassVar[Objective] = Erm()
+    penalty: float = setting(0.0, number)
+    kind: ClassVar[str] = "style_erm"
+    shipped: ClassVar[str] = "style"
+    agents_per_scene: ClassVar[int] = AGENTS
+    """Scenes of another number of agents cannot be forecast or learned from."""
     epochs: ClassVar[tuple[int, ...]] = (100,)
     """Of the stages, as in the released program."""
     expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)
@@ -41,7 +50,12 @@ class StyleErm(Weighted):
         "all": ("encoder", "decoder"),
         "last_layer": PARTS["last_layer"],
     }
-    """What can be tuned: names, or beginnings of names, of weights; see ``adapting.Tunable``."""
+    """What can be tuned: names, or beginnings of names, of weights; see ``last_layer.Tunable``."""
+
+    @property
+    def objective(self) -> Objective:
+        """What the first stage minimises."""
+        return Irm(self.penalty) if self.penalty else Erm()
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
@@ -88,20 +102,21 @@ class StyleErm(Weighted):
         Raises:
             PredictorError: there are no weights, or a scene has not two agents.
         """
-        weights = self._exact()
+        weights = self._exact(observation)
         with torch.no_grad():
             moves = pair_network.forecast(pair_network.exact(observation).flatten(1), self._codes(weights), weights)
         return pair_network.walked(observation, moves)
 
     def offsets(self, observation: Observation, weights: Weights, seed: int = 0, shown: Truth | None = None) -> Tensor:
-        """Offsets [M, A, 12, 2] from the last position, metres, by weights [M, ...]; see ``adapting.Tunable``."""
+        """Offsets [M, A, 12, 2] from the last position, metres, by weights [M, ...]; see ``last_layer.Tunable``."""
+        self._ready(observation)
         history = torch.tensor(pair_network.paired(observation), dtype=torch.float32).flatten(1)
         moves = pair_network.forecast(history, self._codes(weights, shown), weights)
         return moves.view(len(moves), -1, FUTURE, 2).cumsum(dim=2)
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
-        """The last layer: of each scene, to the displacements of both agents; see ``adapting.LastLayer``."""
-        weights = self._exact()
+        """The last layer: of each scene, to the displacements of both agents; see ``last_layer.LastLayer``."""
+        weights = self._exact(observation)
         with torch.no_grad():
             history = pair_network.exact(observation).flatten(1)
             codes = self._codes(weights)
@@ -110,42 +125,33 @@ class StyleErm(Weighted):
                 latent = pair_network.modulate(latent, codes, weights, 1)
             inputs = pair_network.before_last(latent, codes, weights)[0].numpy()
         weight = np.concatenate([weights["decoder.weight4"][0].numpy(), weights["decoder.bias4"].numpy()])
-        return LastLayer.of_moves(observation, inputs, weight, AGENTS * FUTURE)
+        return LastLayer(with_one(inputs), weight, observation.xy[:, -1:].astype(np.float64))
 
     def _codes(self, weights: Weights, shown: Truth | None = None) -> Tensor | None:
         """Style code [1, 1, 8] to forecast with: as observed, or [M, 1, 8] of scenes that are shown."""
         return None
 
-    def _exact(self) -> Weights:
+    def _exact(self, observation: Observation) -> Weights:
         """The weights in double precision, as ``pair_network.exact`` has the histories."""
-        return {name: value.double() for name, value in self._ready().items()}
+        return {name: value.double() for name, value in self._ready(observation).items()}
 
 
-class StyleInvariant(StyleErm):
-    """The two-agent network without a style, trained with IRMv1, lambda 1 (the paper's invariant row).
-
-    Args:
-        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
-        seed: Which of the seeds that the weights hold; by default the first.
-    """
-
-    kind = "style_invariant"
-    objective = Irm(1.0)
-
-
+@dataclass(eq=False, repr=False)
 class Modular(StyleMemory, StyleErm):
     """The paper's modular network: an encoder of the scene, one of the style, and a modulator that joins them.
 
     The style of a domain is read from scenes that it observes over all 20 steps: a running average of their codes. It
     begins at the mean code of the training scenes, which counts for one scene. ``reset`` goes back there.
+    ``modular_invariant`` is the one whose scene encoder is trained with IRMv1, lambda 1 (the paper's full method).
 
     Args:
-        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
-        seed: Which of the seeds that the weights hold; by default the first.
+        weights: See ``Weighted``.
+        seed: See ``Weighted``.
+        penalty: See ``StyleErm``.
     """
 
-    kind = "modular"
-    epochs = (100, 50, 20, 300)
+    kind: ClassVar[str] = "modular"
+    epochs: ClassVar[tuple[int, ...]] = (100, 50, 20, 300)
     expected: ClassVar[dict[str, tuple[int, ...]]] = {
         **pair_network.shapes(),
         "prior.code": (CODE,),
@@ -162,32 +168,20 @@ class Modular(StyleMemory, StyleErm):
 
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, S, 16] of each scene after the first modulation."""
-        weights = self._exact()
+        weights = self._exact(observation)
         history = pair_network.exact(observation).flatten(1)
         return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
 
     def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, S, 48], metres."""
-        weights = self._exact()
+        weights = self._exact(observation)
         return pair_network.decode(latent, self._codes(weights), weights)
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
         """Style embeddings [1, S, 8] of scenes that go on by displacements [1, S, 48]."""
-        weights = self._exact()
+        weights = self._exact(observation)
         history = pair_network.exact(observation)
         steps = moves.view(-1, AGENTS, FUTURE, 2)
         future = history[:, :, -1:] + steps.cumsum(dim=2)
         whole = torch.cat([history, future], dim=2)
         return pair_network.embed(pair_network.code((whole[:, 1] - whole[:, 0]).flatten(1), weights), weights)
-
-
-class ModularInvariant(Modular):
-    """The modular network whose scene encoder is trained with IRMv1, lambda 1 (the paper's full method).
-
-    Args:
-        weights: Name of shipped weights (``style``), or a ``.safetensors`` file; by default the shipped ones.
-        seed: Which of the seeds that the weights hold; by default the first.
-    """
-
-    kind = "modular_invariant"
-    objective = Irm(1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -12,18 +12,20 @@ from torch import Tensor
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, Observation, SpecError, Truth
-from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.networks import pair_network, stgat_network, stgat_style
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.neighbour_pairs import NeighbourPairs, whole_paths
 from motion_gym.predictors.networks.pair_network import CODE
+from motion_gym.predictors.networks.sigma import check_sigma
 from motion_gym.predictors.networks.stgat_network import Draws
+from motion_gym.predictors.settings import setting
 from motion_gym.predictors.stgat_predictor import PARTS, Stgat
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.modular_stgat_training import StyledStgatProgram
-from motion_gym.predictors.weighted import Weights
+from motion_gym.training.program import Weights
 
 
+@dataclass(eq=False, repr=False)
 class ModularStgat(StyleMemory, Stgat):
     """STGAT whose latent is modulated by a style: z' = f(z, c) + z, for scenes of any number of agents in any order.
 
@@ -32,13 +34,14 @@ class ModularStgat(StyleMemory, Stgat):
     code of the training scenes, which counts for one scene, and ``reset`` goes back there.
 
     Args:
-        weights: A ``.safetensors`` file, or the name of shipped weights (``style/crowd``), by default these.
-        seed: Which of the seeds that the weights hold; by default the first.
-        sigma: true, ``relative`` (divided by its mean over the scene) or false (never given).
+        weights: See ``Weighted``.
+        seed: See ``Weighted``.
+        sigma: See ``Stgat``.
     """
 
-    kind = "modular_stgat"
-    shipped = "style/crowd"
+    sigma: bool | str = setting(False, check_sigma)
+    kind: ClassVar[str] = "modular_stgat"
+    shipped: ClassVar[str] = "style/crowd"
     # psi, f and g of the paper are the style encoder, the modulator and the decoder.
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "all": (*PARTS["all"], "style", "modulator"),
@@ -46,9 +49,6 @@ class ModularStgat(StyleMemory, Stgat):
         "modulator": ("modulator",),
         "last_layer": PARTS["last_layer"],
     }
-
-    def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = False):
-        super().__init__(weights, seed, sigma)
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
@@ -100,15 +100,6 @@ class ModularStgat(StyleMemory, Stgat):
         scene = torch.from_numpy(pairs.scene)
         return stgat_style.scene_codes(pairs.paths(whole_paths(truth)), scene, truth.observation.scenes, weights)
 
-    @staticmethod
-    def whole_scenes(truth: Truth) -> Truth | None:
-        """Those scenes of two agents or more whose 20 steps are all known; None if there are none."""
-        whole = StyleMemory.whole_scenes(truth)
-        if whole is None:
-            return None
-        shows = np.flatnonzero(np.diff(whole.observation.scene) > 1)
-        return pick_scenes(whole, shows) if len(shows) else None
-
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, A, 64] of each agent, modulated."""
         weights, draws, layout, steps = self._given(observation, seed)
@@ -122,7 +113,7 @@ class ModularStgat(StyleMemory, Stgat):
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
         """Style embeddings [1, S, 8] of scenes that go on by displacements [1, A, 24]."""
-        weights = self._ready()
+        weights = self._ready(observation)
         steps = moves.float().view(-1, FUTURE, 2)
         history = torch.tensor(observation.xy)
         path = torch.cat([history, history[:, -1:] + steps.cumsum(dim=1)], dim=1)
@@ -135,7 +126,7 @@ class ModularStgat(StyleMemory, Stgat):
         """Weights, and the inputs of the network for the first sample."""
         layout = Layout.of(observation.scene)
         draws = self._draws(observation, layout, 1, seed)
-        return self._ready(), draws, layout, torch.from_numpy(self._inputs(observation))
+        return self._ready(observation), draws, layout, torch.from_numpy(self._inputs(observation))
 
     def _latent(
         self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import torch
@@ -13,8 +14,9 @@ from torch import Tensor
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
 from motion_gym.data.windows import pick_scenes_of
 from motion_gym.predictors.networks.graph_attention import Layout
-from motion_gym.predictors.networks.last_layer import LastLayer
+from motion_gym.predictors.networks.last_layer import LastLayer, with_one
 from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.networks.sigma import check_sigma, relative_to_scene
 from motion_gym.predictors.networks.stgat_network import (
     NOISE,
     STATES,
@@ -24,12 +26,16 @@ from motion_gym.predictors.networks.stgat_network import (
     decoder_states,
     encode,
 )
-from motion_gym.predictors.sigma import check_sigma, relative_to_scene
-from motion_gym.predictors.stgat_released import import_released
+from motion_gym.predictors.networks.stgat_released import import_released
+from motion_gym.predictors.settings import setting
 from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.objectives import Objective
 from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
-from motion_gym.predictors.weighted import Weighted, Weights
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 SCENES_AT_ONCE = 256
 """Scenes times samples of one forward pass, so that memory does not grow with the test set."""
@@ -41,6 +47,7 @@ PARTS: Mapping[str, tuple[str, ...]] = {
 """Weights that can be tuned."""
 
 
+@dataclass(eq=False, repr=False)
 class Stgat(Weighted):
     """Spatio-temporal graph attention (Huang et al., ICCV 2019), with the sizes of the paper's released program.
 
@@ -49,24 +56,18 @@ class Stgat(Weighted):
     a scene is one joint forecast. The draws of a scene depend on the seed and the scene alone, not on the batch.
 
     Args:
-        weights: Name of shipped weights (``spurious``) or a ``.safetensors`` file; by default the shipped ones, if
-            there are some for these settings.
-        seed: Which of the seeds that the weights hold; by default the first.
-        sigma: True: sigma as it is. ``"relative"``: divided by its mean over the scene, so that its scale is of no
-            account. False: never given to the network.
+        weights: See ``Weighted``.
+        seed: See ``Weighted``.
+        sigma: True: sigma as it is. ``"relative"``: divided by its mean over the scene, so that its scale has no
+            effect. False: the network has no such input.
     """
 
-    kind = "stgat"
-    shipped = "spurious"
-    settings: ClassVar[tuple[str, ...]] = ("sigma",)
-    counterfactual: ClassVar[bool] = False
+    sigma: bool | str = setting(True, check_sigma)
+    kind: ClassVar[str] = "stgat"
+    shipped: ClassVar[str] = "spurious"
+    counterfactual = False
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = PARTS
-    """What can be tuned: names, or beginnings of names, of weights; see ``adapting.Tunable``."""
-
-    def __init__(self, weights: str | Path | None = None, seed: int | None = None, sigma: bool | str = True):
-        check_sigma(sigma, self.kind)
-        self.sigma = sigma
-        super().__init__(weights, seed)
+    """What can be tuned: names, or beginnings of names, of weights; see ``last_layer.Tunable``."""
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
@@ -125,7 +126,8 @@ class Stgat(Weighted):
         Raises:
             PredictorError: there are no weights, or the observation has no sigma.
         """
-        weights = {key: value.expand(samples, *value.shape[1:]) for key, value in self._ready().items()}
+        ready = self._ready(observation)
+        weights = {key: value.expand(samples, *value.shape[1:]) for key, value in ready.items()}
         parts = [np.zeros((0, samples, FUTURE, 2), np.float32)]
         at_once = max(SCENES_AT_ONCE // samples, 1)
         with torch.no_grad():
@@ -150,23 +152,23 @@ class Stgat(Weighted):
         return decode(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
 
     def offsets(self, observation: Observation, weights: Weights, seed: int = 0, shown: Truth | None = None) -> Tensor:
-        """Offsets [M, A, 12, 2] of the first sample from the last position, metres; see ``adapting.Tunable``."""
+        """Offsets [M, A, 12, 2] of the first sample from the last position, metres; see ``last_layer.Tunable``."""
         layout = Layout.of(observation.scene)
         draws = self._draws(observation, layout, 1, seed).for_models(len(weights["stage3.bias"]))
         steps = torch.from_numpy(self._inputs(observation))
         return self._moves(steps, draws, layout, weights, shown).permute(1, 2, 0, 3).cumsum(dim=2)
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
-        """The last layer: of each agent and step, to its displacement; see ``adapting.LastLayer``."""
-        weights, layout = self._ready(), Layout.of(observation.scene)
+        """The last layer: of each agent and step, to its displacement; see ``last_layer.LastLayer``."""
+        weights, layout = self._ready(observation), Layout.of(observation.scene)
         steps = torch.from_numpy(self._inputs(observation))
         with torch.no_grad():
             draws = self._draws(observation, layout, 1, seed)
             latent = self._latent(steps, draws, layout, weights)
-            states = decoder_states(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
+            _, states = decoder_states(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
         inputs = states[:, 0].transpose(0, 1).flatten(0, 1).double().numpy()
         weight = np.concatenate([weights["stage3.weight"][0].numpy(), weights["stage3.bias"].numpy()])
-        return LastLayer.of_moves(observation, inputs, weight.astype(np.float64), 1)
+        return LastLayer(with_one(inputs), weight.astype(np.float64), observation.xy[:, -1:].astype(np.float64))
 
     def _latent(
         self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None
@@ -189,7 +191,7 @@ class Stgat(Weighted):
             )
         return displacements(observation, self.features, relative=self.sigma == "relative")
 
-    def from_released(self, path: str | Path) -> Stgat:
+    def from_released(self, path: str | Path) -> Self:
         """Take the weights of the paper's released program; see ``import_released``. Returns itself."""
         self.use(*import_released(path), str(path))
         return self

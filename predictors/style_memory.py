@@ -6,33 +6,33 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.contract import PredictorError, Truth
+from motion_gym.contract import Truth
 from motion_gym.data.windows import check_truth, pick_scenes, whole_scenes
 from motion_gym.predictors.networks.pair_network import CODE
-from motion_gym.predictors.weighted import Weighted, Weights
+from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.program import Weights
 
 
 class StyleMemory(Weighted):
-    """A predictor whose weights hold ``prior.code``, the mean code of training, and ``prior.dt``, its steps in seconds.
+    """A predictor whose weights hold ``prior.code``, the mean style code of the training scenes.
 
     The style of a domain is read from scenes that are observed over all 20 steps: a running average of their codes. It
     begins at the mean code of the training scenes, which counts for one scene. ``reset`` goes back there.
     """
 
     observed: np.ndarray = np.zeros(CODE)
-    scenes = 0
+    """[8] float64, sum of the codes of the observed scenes."""
+    scenes: int = 0
+    """Number of these scenes."""
 
     def observe(self, truth: Truth) -> None:
         """Read the style from those scenes whose 20 steps are all known.
 
         Raises:
             DataError: it is no proper Truth.
-            PredictorError: there are no weights, or steps of another length than those that the style encoder was
-                trained on.
+            PredictorError: there are no weights, or the scenes have another time step than they were trained on.
         """
-        weights = self._ready()
-        check_truth(truth, "What was observed")
-        self.check_dt(truth)
+        weights = self._ready(check_truth(truth, "The observed truth").observation)
         whole = self.whole_scenes(truth)
         if whole is None:
             return
@@ -45,24 +45,16 @@ class StyleMemory(Weighted):
         """Forget all that was observed."""
         self.observed, self.scenes = np.zeros(CODE), 0
 
-    def check_dt(self, truth: Truth) -> None:
-        """Raise PredictorError unless steps are as long as those that the style encoder was trained on."""
-        dt = float(self._ready()["prior.dt"][0])
-        if not np.isclose(truth.observation.dt, dt, rtol=1e-3):
-            raise PredictorError(
-                f"{self.name} reads styles from steps of {dt:.3g} s, and was shown scenes with steps of "
-                f"{truth.observation.dt:.3g} s: resample them, or train on such steps."
-            )
-
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
         """Style codes [M, S, 8] of scenes as ``whole_scenes`` gives them."""
         raise NotImplementedError
 
     @staticmethod
     def whole_scenes(truth: Truth) -> Truth | None:
-        """Those scenes that show a style, and whose 20 steps are all known; None if there are none."""
+        """The scenes of two agents or more whose 20 steps are all known; None if there are none."""
         whole = whole_scenes(truth)
-        return pick_scenes(truth, whole) if len(whole) else None
+        shown = whole[np.diff(truth.observation.scene)[whole] > 1]
+        return pick_scenes(truth, shown) if len(shown) else None
 
     def _codes(self, weights: Weights, shown: Truth | None = None) -> Tensor:
         """The running average, [1, 1, 8]; or the mean code [M, 1, 8] of scenes, to tune the style encoder through."""

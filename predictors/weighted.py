@@ -1,67 +1,65 @@
-"""What all predictors with trained weights share: their name, their weights on disk, the training of several seeds."""
+"""What all predictors with trained weights share: their name, weights on disk, and the training of several seeds."""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
-import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from motion_gym.catalog import format_spec, whole_number
-from motion_gym.contract import PredictorError, SpecError, Truth
+from motion_gym.catalog import whole_number
+from motion_gym.contract import Observation, PredictorError, SpecError, Truth
+from motion_gym.predictors.settings import check_settings, name_of_settings, optional, whole
 from motion_gym.training import loop as training
 from motion_gym.training.loop import Progress, device_named
+from motion_gym.training.program import Program, Weights
 from motion_gym.training.provenance import commit, versions
 from motion_gym.training.weight_files import locate, read, write
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-Weights = dict[str, Tensor]
+DT = 0.4
+"""Seconds per step of weights whose card does not say it."""
+SEED = optional(whole(0, 2**31))
 
 
-class Program(training.Program, Protocol):
-    """A training program of a predictor."""
-
-    def finished(self, weights: Weights) -> Weights:
-        """The weights, on the CPU, with what the predictor needs besides."""
-        ...
-
-
+@dataclasses.dataclass(eq=False, repr=False)
 class Weighted:
     """A predictor with trained weights, of one seed or several.
 
-    A subclass names itself, says which of its arguments make another row of a table, checks weights, and makes the
-    program that ``fit`` trains.
+    A subclass names itself, declares its settings as fields, checks weights, and makes the program that ``fit`` trains.
+    A setting makes another row of a table and another file of weights.
 
     Args:
-        weights: Name of shipped weights or a ``.safetensors`` file; by default the shipped ones, if there are some for
-            these settings.
-        seed: Which of the seeds that the weights hold; by default the first.
+        weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file; by default those that
+            are shipped for these settings.
+        seed: Seed of the model to use, one of those that were trained; by default the first.
+
+    Raises:
+        SpecError: a setting is not allowed.
+        PredictorError: there are no such weights, or they are of another predictor.
     """
 
+    weights: str | Path | None = None
+    seed: int | None = None
     kind: ClassVar[str]
     shipped: ClassVar[str]
     """Name of the weights that are used where none are named."""
-    settings: ClassVar[tuple[str, ...]] = ()
-    """Arguments that make another row of a table, and another file of weights."""
-    fitted = True
-    """Training takes long and is never done on the side: ``predict`` says so where weights are missing."""
+    fit_on_demand: ClassVar[bool] = False
+    """Training takes too long for an evaluation: ``predict`` says where weights are missing and how to train them."""
 
-    def __init__(self, weights: str | Path | None = None, seed: int | None = None):
-        self.weights = None if weights is None else str(weights)
-        self.seed = None if seed is None else whole_number("seed", seed, 0, 2**31)
+    def __post_init__(self) -> None:
+        self.seed = SEED("seed", self.seed)
+        check_settings(self)
         self.tensors: Weights | None = None
         self.stacked: Weights = {}
         self.card: dict[str, Any] = {}
-        if weights is not None:
-            self.load(locate(str(weights), self.name))
+        if self.weights is not None:
+            self.load(locate(str(self.weights), self.name))
 
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor; ``source`` says whose they are."""
@@ -70,10 +68,17 @@ class Weighted:
     @property
     def name(self) -> str:
         """The predictor with those settings that are not at their defaults."""
-        defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
-        changed = {k: getattr(self, k) for k in self.settings if getattr(self, k) != defaults[k]}
-        whole = {k: int(v) for k, v in changed.items() if isinstance(v, float) and v.is_integer()}
-        return format_spec(self.kind, {**changed, **whole})
+        return name_of_settings(self)
+
+    @property
+    def fitted(self) -> bool:
+        """Whether there are weights: given, trained, or shipped for these settings."""
+        if self.tensors is None:
+            try:
+                locate(self.shipped, self.name)
+            except PredictorError:
+                return False
+        return True
 
     @property
     def fingerprint(self) -> str:
@@ -143,7 +148,7 @@ class Weighted:
         if epochs is not None and not isinstance(epochs, Iterable):
             raise SpecError(f"`epochs={epochs}` must be a list of numbers, one for each stage.")
         program = self.program(train, validation, device=device_named(device), **options)
-        made = training.train(
+        trained = training.train(
             program,
             seeds,
             device=device_named(device),
@@ -152,31 +157,42 @@ class Weighted:
             every=every,
             report=report,
         )
+        kept = {name: value.half().float() for name, value in program.finished(trained.weights).items()}
         each = [stage.epochs for stage in program.stages]
         card = {
             "predictor": self.name,
             "seeds": seeds,
+            "dt": train[0].observation.dt,
             "trained_on": list(names),
             "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
             f"trained for {'/'.join(map(str, each))} epochs",
-            "validation_ade": [round(score, 4) for score in made.score],
-            "epoch": made.epoch,
+            "validation_ade": [round(score, 4) for score in training.score(program, kept, trained, seeds, device)],
+            "epoch": trained.epoch,
             "training": {**program.config, "epochs": each},
-            "seconds": round(made.seconds, 1),
+            "seconds": round(trained.seconds, 1),
             "device": device,
             "commit": commit(),
             "versions": versions(),
             "precision": "trained in single, kept in half precision",
-            "curve": made.curve,
+            "curve": trained.curve,
         }
-        weights = program.finished(made.weights)
-        self.use({name: value.half().float() for name, value in weights.items()}, card)
+        self.use(kept, card)
         return self
 
-    def _ready(self) -> Weights:
-        """The weights of the seed; those shipped, if none were given."""
+    def _ready(self, observation: Observation | None = None) -> Weights:
+        """The weights of the seed; the shipped ones if there are no others.
+
+        Raises:
+            PredictorError: there are no weights, or the observation has another time step than they were trained on.
+        """
         if self.tensors is None:
             self.load(locate(self.shipped, self.name))
+        dt = float(self.card.get("dt", DT))
+        if observation is not None and not np.isclose(observation.dt, dt, rtol=1e-3):
+            raise PredictorError(
+                f"{self.name} was trained on time steps of {dt:.3g} s, and the observation has steps of "
+                f"{observation.dt:.3g} s: resample the data to {dt:.3g} s, or train on such steps."
+            )
         return cast(Weights, self.tensors)
 
     def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:
@@ -199,7 +215,7 @@ class Weighted:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all that was observed; nothing here, and what other weights made of it is of no use either."""
+        """Forget everything that was observed; nothing here."""
 
     def save(self, path: str | Path) -> None:
         """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
@@ -218,59 +234,3 @@ class Weighted:
             PredictorError: the file is missing, damaged, or has the weights of another model.
         """
         self.use(*read(Path(path)), str(path))
-
-
-def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
-    """Raise PredictorError unless both sets hold the same number of environments, and complete windows of each."""
-    if isinstance(train, Truth) or isinstance(validation, Truth):
-        raise PredictorError(
-            "Training and validation sets are sequences of Truth, one for each environment: give [truth]."
-        )
-    if not train or len(train) != len(validation):
-        raise PredictorError(
-            f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
-            "least one, and the same ones for both."
-        )
-    for name, truths in (("training", train), ("validation", validation)):
-        for place, truth in enumerate(truths):
-            if not len(truth.future):
-                raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
-            if not np.isclose(truth.observation.dt, train[0].observation.dt, rtol=1e-3):
-                raise PredictorError(
-                    f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
-                    f"the training set {train[0].observation.dt:.3g} s: resample them."
-                )
-            if not truth.known.all():
-                raise PredictorError(
-                    f"Environment {place} of the {name} set has future steps that are not known: give complete windows."
-                )
-
-
-def check_shapes(
-    tensors: Weights, expected: dict[str, tuple[int, ...]], source: str, hints: Mapping[str, str] = MappingProxyType({})
-) -> None:
-    """Raise PredictorError unless tensors are finite and of the expected names and shapes, behind the axis of models.
-
-    Args:
-        tensors: Weights [M, ...].
-        expected: Shape of each, without M.
-        source: Whose they are, for messages.
-        hints: What it means if a weight has another shape.
-    """
-    found = {key: tuple(value.shape[1:]) for key, value in tensors.items() if value.ndim}
-    if found.keys() != expected.keys():
-        lacking, unknown = sorted(expected.keys() - found.keys()), sorted(found.keys() - expected.keys())
-        raise PredictorError(
-            f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
-            f"{unknown or 'nothing'} besides."
-        )
-    models = {len(value) for value in tensors.values()}
-    if len(models) != 1 or 0 in models:
-        raise PredictorError(
-            f"{source}: tensors are of {sorted(models)} models; all must be of the same number, 1 or more."
-        )
-    for key, shape in expected.items():
-        if found[key] != shape:
-            raise PredictorError(f"{source}: {key} has shape {found[key]}, expected {shape}.{hints.get(key, '')}")
-        if not torch.isfinite(tensors[key]).all():
-            raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")

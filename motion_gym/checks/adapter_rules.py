@@ -27,11 +27,12 @@ COST = 0.5
 
 def adapter(trial: AdapterTrial) -> None:
     """It has predict, observe and reset, and is told no domain."""
-    made = trial.predictor.make()
-    missing = [method for method in ADAPTER_METHODS if not callable(getattr(made, method, None))]
+    instance = trial.predictor.make()
+    missing = [method for method in ADAPTER_METHODS if not callable(getattr(instance, method, None))]
     broken_if(missing, f"it has no method {', '.join(missing)}: define it.")
     broken_if(
-        hasattr(made, "know"), "know shows it the domain, and with it the future: leave it out, and learn in observe."
+        hasattr(instance, "know"),
+        "know shows it the domain, and with it the future: leave it out, and learn in observe.",
     )
 
 

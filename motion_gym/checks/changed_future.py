@@ -1,4 +1,4 @@
-"""The second world of the leak probe: a copy of a domain whose data is another one after a given time."""
+"""The second world of the leak probe: a copy of a domain whose data differs after a chosen time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a predictor, an adapter or a domain: every rule of the contract, all findings at once.
+"""Check a predictor, an adapter or a domain against every rule of its contract, and report all findings at once.
 
 ``check_predictor``, ``check_adapter`` and ``check_domain`` raise; ``run_checks`` returns a report.
 """
@@ -206,12 +206,12 @@ def _adapter_outcomes(
     def around(predictor: Any) -> Any:
         return catalog.adapter(adapter, predictor) if by_name else predictor
 
-    made = copy.deepcopy(around(ready))
-    outcomes = _predictor_outcomes(made, place, skip, only)
+    instance = copy.deepcopy(around(ready))
+    outcomes = _predictor_outcomes(instance, place, skip, only)
     seen = inner.scenes.truth.observation
     sizes = np.diff(seen.scene).tolist()
     lessons = domain_lessons(place) if place is not None else synthetic_lessons(seen.history.shape[2], sizes)
-    own = PredictorTrial(lambda: copy.deepcopy(made), place)
+    own = PredictorTrial(lambda: copy.deepcopy(instance), place)
     trial = AdapterTrial(own, lessons, ready if by_name else None, around)
     return outcomes + run_rules(ADAPTER_RULES, trial, skip, only)
 

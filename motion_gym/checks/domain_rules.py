@@ -175,10 +175,10 @@ def windows(trial: DomainTrial) -> None:
                 f"windows({split!r}) cannot be used ({error}): features and side_channels must give finite numbers "
                 f"[A, {HISTORY}, number of names]."
             ) from error
-        given, named = truth.observation.history.shape[2], len(trial.card.features)
+        columns, named = truth.observation.history.shape[2], len(trial.card.features)
         broken_if(
-            given != named,
-            f"the history of windows({split!r}) has {given} columns and the card names {named} features: give one "
+            columns != named,
+            f"the history of windows({split!r}) has {columns} columns and the card names {named} features: give one "
             "name for each.",
         )
 
@@ -248,16 +248,16 @@ def pickle(trial: DomainTrial) -> None:
 
 def recordings_problem(domain: Any, split: str) -> Sequence[Recording] | str:
     """The recordings of a split, or what is wrong with them."""
-    given = domain.recordings(split)
-    if not isinstance(given, Sequence) or not all(isinstance(r, Recording) for r in given):
+    listed = domain.recordings(split)
+    if not isinstance(listed, Sequence) or not all(isinstance(r, Recording) for r in listed):
         return f"recordings({split!r}) must be a list of motion_gym.contract.Recording."
-    for recording in given:
+    for recording in listed:
         try:
             if len(recording.frame):
                 check_recording(recording)
         except MotionGymError as error:
             return f"recordings({split!r}): {error}"
-    return given
+    return listed
 
 
 def features_problem(domain: Any, recordings: Sequence[Recording]) -> str:

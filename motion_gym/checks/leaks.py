@@ -1,4 +1,4 @@
-"""The leak probe: does anything that is handed out depend on data that has not happened yet?"""
+"""The leak probe: whether observations, rewards, ground truth or forecasts depend on data of later times."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ START = -1
 
 @dataclass(frozen=True)
 class LeakReport:
-    """What the probe found.
+    """Result of the leak probe.
 
     Attributes:
         domain: Name of the domain with its parameters.
@@ -141,13 +141,13 @@ def leak_probe(
         raise SpecError(f"`cuts={cuts}` must be a whole number, 1 or more: the times after which data is changed.")
     place = catalog.domain(domain, **parameters)
     stage = Stage(place, clock, split, seed)
-    given, unprobed = predictor, stage.unprobed
+    player, unprobed = predictor, stage.unprobed
     if not isinstance(predictor, (str, type)):
         try:
-            given = copy.deepcopy(predictor, {id(place): stage.domain})
+            player = copy.deepcopy(predictor, {id(place): stage.domain})
         except Exception as error:
             unprobed.append(f"{name_of(predictor)} cannot be copied ({error}): if it looks into the domain, unseen.")
-    player = ready(given, stage.domain, seed)
+    player = ready(player, stage.domain, seed)
     times = stage.cuts(cuts)
     first = _play(stage, player, max(times), seed, None)
     leaks = {fault: fault for fault in first.faults}
@@ -266,7 +266,7 @@ def _compare(
     first: _Tape, second: _Tape, stop: int, card: Any, checked: Counter[str], side_channels: dict[str, float]
 ) -> dict[str, str]:
     """Sentences, one per kind, about what differs up to a time; adds to what was checked and to the side channels."""
-    found: dict[str, str] = {}
+    differences: dict[str, str] = {}
     declared = [i for i, feature in enumerate(card.features) if feature in card.side_channels]
     for time, kind in sorted({*first.rows, *second.rows}, key=lambda k: (k[0], k[1] != "histories", k[1])):
         if time > stop:
@@ -274,7 +274,7 @@ def _compare(
         (names, a), (others, b) = (t.rows.get((time, kind), ([], np.zeros(0))) for t in (first, second))
         if names != others:
             who = next((n for n in (*names, *others) if (n in names) != (n in others)), "the order")
-            found.setdefault("who", f"who is observed at time {time} ({who}) changes with data after time {stop}")
+            differences.setdefault("who", f"who is observed at time {time} ({who}) changes with data after time {stop}")
             break
         checked[kind] += len(names)
         features = list(card.features) if kind.endswith("histories") else []
@@ -286,18 +286,18 @@ def _compare(
             a, b = np.delete(a, declared, axis=-1), np.delete(b, declared, axis=-1)
             features = [f for i, f in enumerate(features) if i not in declared]
         if a.shape != b.shape or a.tobytes() != b.tobytes():
-            found.setdefault(kind, _sentence(kind, names, a, b, time, stop, features))
+            differences.setdefault(kind, _sentence(kind, names, a, b, time, stop, features))
     for time in sorted(t for t in first.states if t <= stop and t in second.states):
         checked["states"] += 1
         touched = changed(first.states[time], second.states[time])
-        if touched and "states" not in found:
+        if touched and "states" not in differences:
             what = f"what the predictor holds ({', '.join(touched[:3])})"
-            found["states"] = (
+            differences["states"] = (
                 f"{what} is another in a second episode: reset() does not forget it, or it reads the domain"
                 if time == START
                 else f"{what} at time {time} changes with data after time {stop}, which it was not shown"
             )
-    return found
+    return differences
 
 
 def _sentence(

@@ -122,9 +122,9 @@ def save(trial: PredictorTrial) -> None:
         path = Path(folder) / "weights"
         guarded(predictor, "save", path)
         try:
-            made = trial.fresh()
-            loaded = guarded(made, "load", path)
-            answer = trial.ask(made if loaded is None else loaded)
+            revived = trial.fresh()
+            loaded = guarded(revived, "load", path)
+            answer = trial.ask(revived if loaded is None else loaded)
         except MotionGymError as error:
             raise CheckError(f"what save wrote could not be loaded and asked: {error}") from error
     first = trial.ask(predictor)

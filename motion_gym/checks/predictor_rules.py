@@ -152,9 +152,9 @@ def buffer(trial: PredictorTrial) -> None:
 def randomness(trial: PredictorTrial) -> None:
     """The global generators of random, numpy and torch are left alone by predict."""
     trial.comparable()
-    predictor, given = trial.ready(), writable(trial.scenes.truth.observation)
+    predictor, observation = trial.ready(), writable(trial.scenes.truth.observation)
     with global_randomness() as used:
-        guarded(predictor, "predict", given, samples=SAMPLES, seed=3)
+        guarded(predictor, "predict", observation, samples=SAMPLES, seed=3)
     broken_if(
         used,
         f"predict drew from, or seeded, the global generator of {' and '.join(used)}: use "

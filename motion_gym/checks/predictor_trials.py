@@ -130,8 +130,9 @@ class PredictorTrial:
     @functools.cached_property
     def trainable(self) -> bool:
         """Whether the predictor has to be fitted before it can be asked."""
-        made = self.make()
-        return hasattr(made, "fit") and getattr(made, "fitted", False) is not True
+        instance = self.make()
+        unfitted = hasattr(instance, "fit") and getattr(instance, "fitted", False) is not True
+        return unfitted and getattr(instance, "fit_on_demand", True)
 
     @functools.cached_property
     def scenes(self) -> Scenes:
@@ -171,20 +172,20 @@ class PredictorTrial:
 
     def fresh(self) -> Any:
         """The predictor as it is made, told the domain if it is an oracle."""
-        made = self.make()
-        if hasattr(made, "know"):
+        instance = self.make()
+        if hasattr(instance, "know"):
             if self.domain is None:
                 raise NotChecked("an oracle forecasts nothing before it knows a domain: give one")
-            guarded(made, "know", self.domain)
-        return made
+            guarded(instance, "know", self.domain)
+        return instance
 
     def fitted(self, scenes: Scenes, world: int = 0) -> Any:
         """A new predictor that can be asked, fitted if it has to be, with the global generators at ``world``."""
-        made = self.fresh()
+        instance = self.fresh()
         if self.trainable:
             with global_randomness(world):
-                guarded(made, "fit", *scenes.training(), 0)
-        return made
+                guarded(instance, "fit", *scenes.training(), 0)
+        return instance
 
     def ready(self) -> Any:
         """A predictor that can be asked and changed: a copy of the first one, or a new one if it cannot be copied."""

@@ -68,10 +68,10 @@ class CheckReport:
     def __str__(self) -> str:
         kept = sum(outcome.status == "kept" for outcome in self.outcomes)
         if self.ok:
-            lines = [f"{self.title} keeps the contract of {_article(self.kind)}: {kept} rules checked"]
+            lines = [f"{self.title} keeps the contract of {_article(self.kind)}: {kept} {_rules(kept)} checked"]
         else:
-            number = "1 rule" if len(self.problems) == 1 else f"{len(self.problems)} rules"
-            lines = [f"{self.title} breaks {number} of the {self.kind} contract:"]
+            broken = len(self.problems)
+            lines = [f"{self.title} breaks {broken} {_rules(broken)} of the {self.kind} contract:"]
         lines += [f"- {problem}" for problem in self.problems]
         for status in ("skipped", "not checked"):
             lines += [f"- {status}: {outcome}" for outcome in self.outcomes if outcome.status == status]
@@ -136,3 +136,7 @@ def check_selection(rules: Rules, skip: Mapping[str, str], only: Collection[str]
 
 def _article(kind: str) -> str:
     return f"an {kind}" if kind[0] in "aeiou" else f"a {kind}"
+
+
+def _rules(number: int) -> str:
+    return "rule" if number == 1 else "rules"

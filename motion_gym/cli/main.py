@@ -15,6 +15,7 @@ from rich.markup import escape
 
 from motion_gym.cli.adapt import adapt
 from motion_gym.cli.check import check
+from motion_gym.cli.claims import claims
 from motion_gym.cli.data import data
 from motion_gym.cli.draw import draw
 from motion_gym.cli.ls import ls
@@ -32,6 +33,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "ls": ls,
     "check": check,
     "draw": draw,
+    "claims": claims,
     "data": data,
 }
 RESUMED = ("score", "run", "adapt", "train")

@@ -25,8 +25,8 @@ def shared_people(shown: Sequence[Recording], scored: Sequence[Recording]) -> in
     for recording in shown:
         _, person = np.unique(recording.agent, return_inverse=True)
         for keys, others in ((_row_keys, other_rows), (_step_keys, other_steps)):
-            found = np.isin(keys(recording), others)
-            hits = np.bincount(person.reshape(-1)[found], minlength=0)
+            shared = np.isin(keys(recording), others)
+            hits = np.bincount(person.reshape(-1)[shared], minlength=0)
             if (hits >= SHARED_ROWS).any():
                 people += int((hits >= SHARED_ROWS).sum())
                 break

@@ -122,7 +122,8 @@ def check_recording(recording: Recording) -> None:
         raise DataError(
             f"recording {name}, row {row}: the position {recording.xy[row].tolist()} is more than {FARTHEST:,.0f} from "
             f"the origin {recording.origin.tolist()}, where float32 no longer resolves 0.01. Correct the row, leave "
-            "`origin` out so that it follows from the first row, or make two recordings of two places."
+            "`origin` out so that it follows from the first row (dataclasses.replace: origin=None), or make two "
+            "recordings of two places."
         )
 
 

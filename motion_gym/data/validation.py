@@ -49,10 +49,10 @@ def _checked(forecast: Any, observation: Observation, samples: int | None, name:
             f"{name} returned shape {positions.shape} for {agents} agents, expected ({agents}, {expected}, {FUTURE}, "
             f"2): agents, samples, future steps, x and y.{hint}"
         )
-    given = positions.shape[1]
-    if given == 0 or (samples is not None and given not in (1, samples)):
+    number = positions.shape[1]
+    if number == 0 or (samples is not None and number not in (1, samples)):
         allowed = f"{expected}, or 1 if the predictor is deterministic" if samples != 1 else "1"
-        raise PredictorError(f"{name} returned {given} samples and {expected} were asked for: return {allowed}.")
+        raise PredictorError(f"{name} returned {number} samples and {expected} were asked for: return {allowed}.")
     if positions.dtype.kind != "f":
         raise PredictorError(f"{name} returned dtype {positions.dtype}: positions are float32 metres.")
     # A copy, since a predictor that keeps its array could change a stored forecast later; cast first, since a value

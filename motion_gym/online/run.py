@@ -52,7 +52,7 @@ class Run:
         self.options, self.stream = options, played
         # A copy, since other evaluations may play the same stream; the ledger keeps nothing that is settled.
         self.clock = copy.copy(played.clock)
-        self.clock.keep = False
+        self.clock.keep = self.clock.rewards = False
         self.step: Step = self.clock.reset()
         self.learner: tuple[Any, float] | None = None
         # Filled, so that all memory is taken at the start.

@@ -54,7 +54,7 @@ def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) ->
         return []
     sources = [domain, *(domain.sources() if hasattr(domain, "sources") else [])]
     own = {spec_of(source): source for source in sources}
-    found = []
+    same = []
     for name in names:
         source = own.get(name)
         if source is None:
@@ -63,8 +63,8 @@ def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) ->
         if source is None or (source.world != domain.world and is_shipped(source) and is_shipped(domain)):
             continue
         if trained_on_scored(source, domain, split):
-            found.append(source.card.name)
-    return list(dict.fromkeys(found))
+            same.append(source.card.name)
+    return list(dict.fromkeys(same))
 
 
 def peak_memory() -> int:

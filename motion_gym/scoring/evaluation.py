@@ -150,16 +150,16 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
     truth = windows_of_domain(place, split)
     if not len(truth.future):
         raise SpecError(f"Split `{split}` of {place!r} has no agent to score.")
-    made = ready(_copied(predictor), place, options.seed)
-    observes, tunes, honest = hasattr(made, "observe"), hasattr(made, "tune"), protocol == "honest"
+    instance = ready(_copied(predictor), place, options.seed)
+    observes, tunes, honest = hasattr(instance, "observe"), hasattr(instance, "tune"), protocol == "honest"
     if observes and not honest and options.through == "environment":
         raise SpecError("The paper protocol shows a predictor the batch it forecasts: use through='arrays'.")
     shots = options.shots if tunes or (observes and honest) else 0
     if shots:
-        show_shots(made, place, split, shots, protocol)
-    predictors, shown = [made], 0
+        show_shots(instance, place, split, shots, protocol)
+    predictors, shown = [instance], 0
     if observes and honest:
-        predictors, shown = show_references(made, place, split, options.references, options.reference_draws)
+        predictors, shown = show_references(instance, place, split, options.references, options.reference_draws)
     forecasts: list[Forecast] = []
     verified, seconds = "", 0.0
     for each in predictors:
@@ -175,7 +175,7 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
     counted = place.card.counts.get(split, counts(truth))
     agents = truth.observation.agent
     return Scorecard(
-        predictor=predictor if isinstance(predictor, str) else name_of(made),
+        predictor=predictor if isinstance(predictor, str) else name_of(instance),
         domain=dataclasses.replace(place.card, counts={split: counted}),
         spec=spec_of(place),
         split=split,
@@ -186,16 +186,16 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
         metrics=summarise(values, truth.observation),
         horizon=np.nanmean([error_by_horizon(forecast, truth) for forecast in forecasts], axis=(0, 1)).tolist(),
         versus_baseline={name: paired_difference(values[name], baseline[name], agents) for name in ("ADE", "FDE")},
-        oracle=hasattr(made, "know"),
+        oracle=hasattr(instance, "know"),
         leaks=declared_leaks(
-            place, made, split, leaking=observes and not honest, selected=tunes and shots > 0 and not honest
+            place, instance, split, leaking=observes and not honest, selected=tunes and shots > 0 and not honest
         ),
         scored=who_was_scored(truth, counted),
-        selection=selection_of(made),
+        selection=selection_of(instance),
         reference_scenes=shown,
         reference_draws=len(predictors),
         shots=shots,
-        weights_seed=_weights_seed(made),
+        weights_seed=_weights_seed(instance),
         verified=verified,
         seconds=seconds,
         peak_memory=peak_memory(),

@@ -1,8 +1,9 @@
-"""How the harness uses a predictor: made ready, asked, and never trusted."""
+"""How the library calls a predictor: it makes it ready, asks it for forecasts, and checks every answer."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import inspect
 from typing import Any
 
@@ -26,6 +27,12 @@ from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import check_truth
 
 
+@functools.lru_cache
+def _signature(kind: type) -> inspect.Signature:
+    """The signature of a class, kept, since reading it takes as long as a forecast of some agents."""
+    return inspect.signature(kind)
+
+
 def name_of(predictor: Any) -> str:
     """Name of a predictor for tables and messages: its own ``name``, or its class with settings.
 
@@ -35,7 +42,7 @@ def name_of(predictor: Any) -> str:
     if isinstance(own, str):
         return own
     try:
-        arguments = inspect.signature(type(predictor)).parameters.values()
+        arguments = _signature(type(predictor)).parameters.values()  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return type(predictor).__name__
     values = [(a, getattr(predictor, a.name, a.default)) for a in arguments]
@@ -58,18 +65,21 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
     Raises:
         SpecError: the name is not known, or the domain names no sources to fit to.
     """
-    made = catalog.predictor(predictor)
-    if isinstance(predictor, (str, type)) and hasattr(made, "fit") and not getattr(made, "fitted", False):
+    instance = catalog.predictor(predictor)
+    unfitted = (
+        isinstance(predictor, (str, type)) and hasattr(instance, "fit") and not getattr(instance, "fitted", False)
+    )
+    if unfitted and getattr(instance, "fit_on_demand", True):
         train, validation = training_set(domain)
-        guarded(made, "fit", train, validation, seed)
-        if not hasattr(made, "trained_on"):
+        guarded(instance, "fit", train, validation, seed)
+        if not hasattr(instance, "trained_on"):
             with contextlib.suppress(AttributeError):  # it may not take further attributes
-                made.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
-    if hasattr(made, "know"):
-        guarded(made, "know", domain)
-    if hasattr(made, "reset"):
-        guarded(made, "reset")
-    return made
+                instance.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
+    if hasattr(instance, "know"):
+        guarded(instance, "know", domain)
+    if hasattr(instance, "reset"):
+        guarded(instance, "reset")
+    return instance
 
 
 def windows_of_domain(domain: Domain, split: str) -> Truth:

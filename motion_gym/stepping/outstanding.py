@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import FUTURE, DataError, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import offsets, stack
 from motion_gym.stepping.harness import frozen
 
@@ -73,23 +74,9 @@ class Outstanding:
         """
         if made in self._stored:
             raise PredictorError(f"A forecast made at {made} is stored already: a time is forecast once.")
-        given = forecast if isinstance(forecast, Forecast) else Forecast(forecast)
-        shape: tuple[int, ...] = tuple(getattr(given.positions, "shape", ()))
-        if len(shape) != 4 or shape[2:] != (FUTURE, 2):
-            raise PredictorError(
-                f"The forecast made at {made} is a {type(given.positions).__name__} of shape {shape}: positions are an "
-                f"array [A, K, {FUTURE}, 2]."
-            )
-        if shape[0] != len(observation):
-            raise PredictorError(
-                f"The forecast made at {made} is of {shape[0]} agents, and {len(observation)} are observed: forecast "
-                "each of them."
-            )
-        if not np.isfinite(given.positions).all():
-            raise PredictorError(f"The forecast made at {made} has NaN or infinite positions: all must be finite.")
         # Copies, so that the caller cannot change them later.
-        weights = None if given.weights is None else np.array(given.weights)
-        self._stored[made] = Stored(made, frozen(observation), Forecast(np.array(given.positions), weights))
+        checked = check_forecast(forecast, observation, None, f"The predictor, asked at {made},")
+        self._stored[made] = Stored(made, frozen(observation), checked)
 
     def settle(
         self, made: int | Sequence[int], future: Any, known: Any, person: np.ndarray | None = None

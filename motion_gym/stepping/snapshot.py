@@ -1,4 +1,4 @@
-"""What an object holds, and the random state that a whole program shares: to see whether a call changed them."""
+"""Snapshots of the state of an object and of the global random generators, to detect what a call changes."""
 
 from __future__ import annotations
 

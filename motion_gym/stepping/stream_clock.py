@@ -31,6 +31,7 @@ class StreamClock:
     Attributes:
         times: [T] the listed frames at which somebody is observed, counted over all recordings.
         count: Number of forecasts of one agent in a whole episode.
+        rewards: Whether steps have rewards; these are zero otherwise, which saves time.
 
     Raises:
         DataError: the recordings have different time steps.
@@ -74,7 +75,7 @@ class StreamClock:
         self._identity = np.full(len(self.tracks.tick), -1)
         self._identity[observable] = np.argsort(np.argsort(first))[identity]
         self._place = np.zeros(self.size, np.int64)
-        self.keep = keep
+        self.keep, self.rewards = keep, True
         self.reset()
 
     @property
@@ -105,7 +106,7 @@ class StreamClock:
         self.ledger.store(self.time, self._observation, forecast)
         # Where frames are passed over, all agents have left at the first of them: nothing happens in the others.
         after = self.time + 1
-        reward = self._reward(after)
+        reward = self._reward(after) if self.rewards else np.zeros(len(self._observation))
         settled = self._settle(after)
         self.at += 1
         return self._step(reward, settled)

@@ -45,7 +45,7 @@ class ScoreParallel(BaseParallelWrapper):
         if not ledger.matured:
             raise SpecError("No forecast has matured yet: step the environment further before you ask for a score.")
         forecast, truth = ledger.matured_only()
-        return _summary(forecast, truth)
+        return _summary(forecast, truth, self.unwrapped.domain.card.unit)  # type: ignore[attr-defined]
 
 
 class ScoreWindows(gymnasium.Wrapper):
@@ -84,12 +84,12 @@ class ScoreWindows(gymnasium.Wrapper):
             raise SpecError("No window has been forecast yet: step the environment before you ask for a score.")
         forecast = Forecast(np.concatenate(self._forecasts))
         env: Any = self.unwrapped
-        return _summary(forecast, pick_scenes(env.padded.truth, env.order[: len(self._forecasts)]))
+        return _summary(forecast, pick_scenes(env.padded.truth, env.order[: len(self._forecasts)]), env.domain.card.unit)
 
 
-def _summary(forecast: Forecast, truth: Truth) -> dict[str, Summary]:
+def _summary(forecast: Forecast, truth: Truth, unit: str) -> dict[str, Summary]:
     """Every metric for as many samples as the forecast has."""
-    return summarise(score(forecast, truth, forecast.positions.shape[1]), truth.observation)
+    return summarise(score(forecast, truth, forecast.positions.shape[1], unit), truth.observation)
 
 
 def _must_be(env: Any, kind: type) -> None:

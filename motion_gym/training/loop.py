@@ -11,12 +11,12 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,61 +25,10 @@ from torch import Tensor
 from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.storage import write_atomic
+from motion_gym.training.program import Program, Stage, Weights
 
-Weights = dict[str, Tensor]
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stage of a training.
-
-    Attributes:
-        name: For the progress bar and the card.
-        epochs: Number of epochs.
-        rates: Learning rate of Adam by a weight's name or the first part of it; ``""`` for the rest. Weights without a
-            rate stay as they are.
-        selects: Whether validation scores of this stage decide which weights are kept.
-        decays: Whether the learning rates fall from epoch to epoch, along a half cosine towards 0; the number of epochs
-            is then part of the configuration.
-    """
-
-    name: str
-    epochs: int
-    rates: Mapping[str, float]
-    selects: bool = False
-    decays: bool = False
-
-
-class Program(Protocol):
-    """What is to be trained."""
-
-    @property
-    def stages(self) -> Sequence[Stage]:
-        """Stages, one after another."""
-        ...
-
-    @property
-    def config(self) -> Mapping[str, Any]:
-        """All that the result depends on, in JSON types; a checkpoint of another configuration is refused."""
-        ...
-
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights [M, ...]."""
-        ...
-
-    def state(self, models: int) -> Tensor:
-        """State of the objective at the beginning of a stage."""
-        ...
-
-    def losses(
-        self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
-    ) -> Iterator[Tensor]:
-        """Losses [M] of the steps of an epoch, one after the other; weights change in between."""
-        ...
-
-    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """Validation scores [M], lower is better."""
-        ...
+TRAINING, VALIDATION = 0, 1
+"""Purposes of random numbers."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +116,18 @@ def train(
     return Trained(best, run.score.tolist(), run.score_epoch.tolist(), run.curve, run.seconds)
 
 
+def score(
+    program: Program, weights: Weights, trained: Trained, seeds: Sequence[int], device: torch.device | str = "cpu"
+) -> list[float]:
+    """Validation scores of other weights of the same models, as rounded ones, with the draws of their best epochs."""
+    generators = [
+        _generator(seed, epoch - 1, VALIDATION, torch.device(device))
+        for seed, epoch in zip(seeds, trained.epoch, strict=True)
+    ]
+    with torch.no_grad():
+        return program.validate({k: v.to(device) for k, v in weights.items()}, generators).tolist()
+
+
 @contextmanager
 def no_denormals() -> Iterator[None]:
     """Let numbers under 1e-38 be zero in this thread: gradients come to hold many, and CPUs are slow with them."""
@@ -221,8 +182,7 @@ class _Run:
 
     def generators(self, purpose: int) -> list[torch.Generator]:
         """A generator for each seed, for this epoch and purpose."""
-        drawn = [np.random.SeedSequence([s, self.epoch, purpose]).generate_state(1, np.uint64)[0] for s in self.seeds]
-        return [torch.Generator(self.device).manual_seed(int(n)) for n in drawn]
+        return [_generator(seed, self.epoch, purpose, self.device) for seed in self.seeds]
 
     def step(self) -> Progress:
         """One epoch."""
@@ -238,7 +198,7 @@ class _Run:
             for value in group["params"]:
                 value.requires_grad_(group["lr"] > 0)
         losses = []
-        for loss in self.program.losses(self.weights, self.state, index, self.generators(0), self.epoch):
+        for loss in self.program.losses(self.weights, self.state, index, self.generators(TRAINING), self.epoch):
             self.adam.zero_grad()
             loss.sum().backward()
             self.adam.step()
@@ -252,7 +212,7 @@ class _Run:
         score = None
         if stage.selects:
             with torch.no_grad():
-                scores = self.program.validate(self.weights, self.generators(1)).cpu()
+                scores = self.program.validate(self.weights, self.generators(VALIDATION)).cpu()
             self._check(scores[None], stage, "validation score")
             better = scores < self.score
             self.score[better] = scores[better]
@@ -334,6 +294,11 @@ class _Run:
         self.state = content["state"].to(self.device)
         self.score, self.score_epoch = content["score"].cpu(), content["score_epoch"].cpu()
         self.epoch, self.seconds, self.curve = content["epoch"], content["seconds"], content["curve"]
+
+
+def _generator(seed: int, epoch: int, purpose: int, device: torch.device) -> torch.Generator:
+    state = np.random.SeedSequence([seed, epoch, purpose]).generate_state(1, np.uint64)[0]
+    return torch.Generator(device).manual_seed(int(state))
 
 
 def _rate(stage: Stage, name: str) -> float:

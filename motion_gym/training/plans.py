@@ -51,22 +51,22 @@ def trainings() -> dict[str, Training]:
     all environments, for all rows.
     """
     joint = {"epochs": (40, 30, 30), "joint": True}
-    found = {"spurious": Training("eth:alpha=1", options=joint)}
-    found |= {f"spurious/{place}": Training(f"{place}:alpha=1", options=joint) for place in PLACES[1:]}
-    found["spurious/past"] = Training("eth:alpha=1,sigma=past", options=joint)
+    plans = {"spurious": Training("eth:alpha=1", options=joint)}
+    plans |= {f"spurious/{place}": Training(f"{place}:alpha=1", options=joint) for place in PLACES[1:]}
+    plans["spurious/past"] = Training("eth:alpha=1,sigma=past", options=joint)
     # Every place comes with every alpha, so that an epoch is four times as long.
     crossed = {**joint, "epochs": (10, 8, 10)}
-    found["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
-    found["style"] = Training("orca:d=0.4")
-    found["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
-    found["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})
-    found["style/blind"] = Training("orca:d=0.4,radius=7")
-    found |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
+    plans["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
+    plans["style"] = Training("orca:d=0.4")
+    plans["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
+    plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})
+    plans["style/blind"] = Training("orca:d=0.4,radius=7")
+    plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     # For streams: trained where nothing is streamed, and oracles, who know what is to come.
-    found["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
-    found |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}
-    found["online/orca"] = Training("orca:d=0.4", {"styles": (0.3, 0.6)})
-    return found
+    plans["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
+    plans |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}
+    plans["online/orca"] = Training("orca:d=0.4", {"styles": (0.3, 0.6)})
+    return plans
 
 
 def training(name: str) -> Training:

@@ -15,13 +15,13 @@ PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of ``PACKAGES``."""
-    found = {"python": platform.python_version()}
+    result = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            found[package] = importlib.metadata.version(package)
+            result[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            result[package] = "not installed"
+    return result
 
 
 @functools.cache

@@ -8,8 +8,10 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+import torch
 from safetensors.torch import load as load_safetensors
 from safetensors.torch import save as save_safetensors
 from torch import Tensor
@@ -128,3 +130,36 @@ def write(path: Path, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) ->
     with atomic_file(path) as file:
         file.write(content)
         write_atomic(path.with_suffix(".json"), f"{text}\n".encode())
+
+
+def check_shapes(
+    tensors: Mapping[str, Tensor],
+    expected: dict[str, tuple[int, ...]],
+    source: str,
+    hints: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Raise PredictorError unless tensors are finite and of the expected names and shapes, behind the axis of models.
+
+    Args:
+        tensors: Mapping[str, Tensor] [M, ...].
+        expected: Shape of each, without M.
+        source: Whose they are, for messages.
+        hints: What it means if a weight has another shape.
+    """
+    shapes = {key: tuple(value.shape[1:]) for key, value in tensors.items() if value.ndim}
+    if shapes.keys() != expected.keys():
+        lacking, unknown = sorted(expected.keys() - shapes.keys()), sorted(shapes.keys() - expected.keys())
+        raise PredictorError(
+            f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
+            f"{unknown or 'nothing'} besides."
+        )
+    models = {len(value) for value in tensors.values()}
+    if len(models) != 1 or 0 in models:
+        raise PredictorError(
+            f"{source}: tensors are of {sorted(models)} models; all must be of the same number, 1 or more."
+        )
+    for key, shape in expected.items():
+        if shapes[key] != shape:
+            raise PredictorError(f"{source}: {key} has shape {shapes[key]}, expected {shape}.{hints.get(key, '')}")
+        if not torch.isfinite(tensors[key]).all():
+            raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")

@@ -1,24 +1,27 @@
-"""What adapters share: a copy of a predictor, a style that is read from the last scenes, updates that can be undone."""
+"""What adapters share: a style that is read from the last scenes, scenes told before, updates that can be undone."""
 
 from __future__ import annotations
 
 import copy
-from collections import deque
+import itertools
+from collections import OrderedDict, deque
+from dataclasses import InitVar, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, Truth
 from motion_gym.data.windows import check_truth, pick_scenes, whole_scenes
 from motion_gym.predictors.adapters.around import Around
+from motion_gym.predictors.settings import setting, whole
 from motion_gym.stepping.harness import name_of
 
 KEPT = 32
 """Scenes that are remembered where it matters whether they were told before; more than the steps of a future."""
 MEMORY = 16
 """Scenes that a style is read from."""
+SceneKey = tuple[Any, bytes]
 
 
 @runtime_checkable
@@ -27,7 +30,7 @@ class Styled(Protocol):
 
     Attributes:
         observed: The sum.
-        scenes: How many scenes it is over.
+        scenes: Number of these scenes.
     """
 
     observed: np.ndarray
@@ -35,35 +38,35 @@ class Styled(Protocol):
 
     def observe(self, truth: Truth) -> None:
         """Add scenes."""
-        ...
 
     def reset(self) -> None:
         """Go back to no scene."""
-        ...
 
 
+@dataclass(eq=False, repr=False)
 class Adapter(Around):
-    """A predictor around a copy of another one, that learns from revealed truth.
+    """A predictor around a copy of another one that learns from revealed truth.
 
     ``predict`` is that of the copy. ``observe`` reads the style from the last scenes, if the predictor has one, and
-    then learns, as a subclass says in ``learn``. An update that leaves something that is not finite is taken back.
+    then learns, as a subclass says in ``learn``. An update whose result is not finite is taken back. Scenes of a number
+    of agents that the predictor cannot take, as parts of a scene, are passed over.
 
     Args:
-        of: Name of a predictor, or a predictor; a copy of it is used.
+        of: See ``Around``.
+        weights: See ``Around``.
+        seed: See ``Around``.
         memory: Whole scenes, the last ones, that a style is read from; 0 for never.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
     """
 
-    settings: ClassVar[tuple[str, ...]] = ("memory",)
+    memory: int = field(default=MEMORY, kw_only=True, metadata={"check": whole(0, 100_000)})
+    needs_style: ClassVar[bool] = False
 
-    def __init__(self, of: Any, memory: int = MEMORY, weights: str | Path | None = None, seed: int | None = None):
-        super().__init__(of, weights, seed)
-        self.memory = whole_number("memory", memory, 0, 100_000)
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        super().__post_init__(of, weights, seed)
         if hasattr(self.inner, "fingerprint"):
             self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
         if "curve" in getattr(self.inner, "card", {}):
-            # How the training went is long, and would be copied with each agent, update and checkpoint.
+            # The training curve is long, and would be copied with each agent, update and checkpoint.
             self.inner.card = {key: value for key, value in self.inner.card.items() if key != "curve"}
         if hasattr(self.inner, "reset"):
             self.inner.reset()
@@ -79,7 +82,7 @@ class Adapter(Around):
         """What each of the whole scenes that the style is read from adds to it."""
 
     def reset(self) -> None:
-        """Forget all that was learned: weights, states and counts are those of the start, bit by bit."""
+        """Forget everything that was learned: weights, states and counts are those of the start, bit by bit."""
         self.inner = copy.deepcopy(self._begun)
         self._start()
 
@@ -91,9 +94,13 @@ class Adapter(Around):
 
         Raises:
             DataError: it is no proper Truth.
-            PredictorError: it is not such as the predictor takes.
         """
-        check_truth(truth, "What was observed")
+        check_truth(truth, "The observed truth")
+        agents = getattr(self.inner, "agents_per_scene", None)
+        if agents is not None:
+            truth = pick_scenes(truth, np.flatnonzero(np.diff(truth.observation.scene) == agents))
+        if not len(truth.future):
+            return
         if self.memory and isinstance(self.inner, Styled):
             self._read_style(truth)
         self.learn(truth)
@@ -102,54 +109,49 @@ class Adapter(Around):
         """Learn from truth that was checked; here, nothing more than the style."""
 
     def _read_style(self, truth: Truth) -> None:
-        whole = whole_scenes(truth)
-        for scene in whole:
+        scenes = whole_scenes(truth)
+        for scene in scenes:
             self.inner.reset()
             self.inner.observe(pick_scenes(truth, [scene]))
             self.shown.append((self.inner.observed, self.inner.scenes))
-        if len(whole):
+        if len(scenes):
             self.inner.observed, self.inner.scenes = (sum(values) for values in zip(*self.shown, strict=True))
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Unadapted(Adapter):
-    """The source model, which never learns: what every adapter is held against.
+    """The source model, which never learns: the reference for every adapter.
 
     Args:
-        of: Name of a predictor, or a predictor.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
+        of: See ``Around``.
+        weights: See ``Around``.
+        seed: See ``Around``.
     """
 
-    kind = "none"
-    settings = ()
-
-    def __init__(self, of: Any = "constant_velocity", weights: str | Path | None = None, seed: int | None = None):
-        super().__init__(of, 0, weights, seed)
+    of: InitVar[Any] = field(default="constant_velocity", kw_only=False)  # type: ignore[assignment]
+    memory: int = field(default=0, init=False)
+    kind: ClassVar[str] = "none"
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Style(Adapter):
     """Reads the style from the last scenes, and learns nothing else.
 
     Args:
-        of: Name of a predictor with a style, or such a predictor.
-        memory: Whole scenes, the last ones, that the style is read from.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
+        of: See ``Around``.
+        weights: See ``Around``.
+        seed: See ``Around``.
+        memory: See ``Adapter``; at least 1.
 
     Raises:
         PredictorError: the predictor reads no style.
     """
 
-    kind = "style"
+    memory: int = setting(MEMORY, whole(1, 100_000))
+    kind: ClassVar[str] = "style"
 
-    def __init__(
-        self,
-        of: Any = "modular_invariant",
-        memory: int = MEMORY,
-        weights: str | Path | None = None,
-        seed: int | None = None,
-    ):
-        super().__init__(of, whole_number("memory", memory, 1, 100_000), weights, seed)
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        super().__post_init__(of, weights, seed)
         if not isinstance(self.inner, Styled):
             raise PredictorError(
                 f"{name_of(self.inner)} reads no style from scenes (`observe`, `observed`, `scenes`): use "
@@ -157,13 +159,31 @@ class Style(Adapter):
             )
 
     def learn(self, truth: Truth) -> None:
-        """Count what the style was read from."""
+        """Count the updates of the style."""
         self.updates += int(len(whole_scenes(truth)) > 0)
 
 
-def scene_key(truth: Truth, scene: int) -> Any:
+def scene_key(truth: Truth, scene: int) -> SceneKey:
     """Identifies a scene: when and with whom it was observed; where the time is not known, what was observed."""
     seen = truth.observation
     rows = slice(seen.scene[scene], seen.scene[scene + 1])
     when = seen.history[rows].tobytes() if seen.time is None else int(seen.time[scene])
     return when, seen.agent[rows].tobytes()
+
+
+class Told:
+    """What was known of the last scenes when they were told before: labels may come step by step."""
+
+    def __init__(self) -> None:
+        self.known: OrderedDict[SceneKey, np.ndarray] = OrderedDict()
+
+    def before(self, truth: Truth) -> np.ndarray:
+        """What was known [A, 12] of the same scenes before; this truth is remembered."""
+        before = np.zeros_like(truth.known)
+        for scene, (first, last) in enumerate(itertools.pairwise(truth.observation.scene)):
+            key = scene_key(truth, scene)
+            before[first:last] = self.known.pop(key, False)
+            self.known[key] = truth.known[first:last] | before[first:last]
+        while len(self.known) > KEPT:
+            self.known.popitem(last=False)
+        return before

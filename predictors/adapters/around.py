@@ -3,34 +3,43 @@
 from __future__ import annotations
 
 import copy
-import inspect
+from dataclasses import InitVar, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
 from motion_gym import catalog
 from motion_gym.contract import Forecast, Observation, SpecError, Truth
-from motion_gym.stepping.harness import name_of, selection_of
+from motion_gym.predictors.settings import check_settings, name_of_settings
+from motion_gym.stepping.harness import ask, name_of, selection_of
+
+SOURCE = "modular_invariant"
+"""The predictor that is adapted where none is given."""
 
 
+@dataclass(eq=False, repr=False)
 class Around:
-    """A predictor around a copy of another one.
+    """A predictor around a copy of another one; a subclass declares its settings as fields.
 
     Args:
-        of: Name of a predictor with weights, or a predictor.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
+        of: Name of a predictor, or a predictor; a copy of it is used.
+        weights: Weights of the predictor, where ``of`` is a name.
+        seed: Seed of the predictor's weights, where ``of`` is a name.
+
+    Raises:
+        SpecError: a setting is not allowed, or ``weights`` or ``seed`` are given with a predictor.
     """
 
+    of: InitVar[Any] = SOURCE
+    weights: InitVar[str | Path | None] = field(default=None, kw_only=True)
+    seed: InitVar[int | None] = field(default=None, kw_only=True)
     kind: ClassVar[str]
-    settings: ClassVar[tuple[str, ...]]
-    """Arguments that make another row of a table."""
 
-    def __init__(self, of: Any, weights: str | Path | None, seed: int | None):
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        check_settings(self)
         if isinstance(of, str):
-            given = {"weights": weights, "seed": seed}
             name, parameters = catalog.parse_spec(of)
-            known = {key: value for key, value in given.items() if value is not None}
-            of = catalog.predictor(catalog.format_spec(name, {**parameters, **known}))
+            given = {key: value for key, value in (("weights", weights), ("seed", seed)) if value is not None}
+            of = catalog.predictor(catalog.format_spec(name, {**parameters, **given}))
         elif weights is not None or seed is not None:
             raise SpecError("`weights` and `seed` go with the name of a predictor, and `of` is one already.")
         self.inner: Any = copy.deepcopy(of)
@@ -38,9 +47,8 @@ class Around:
     @property
     def name(self) -> str:
         """What is done to which predictor; a name for people where that one has settings of its own."""
-        defaults = {name: p.default for name, p in inspect.signature(type(self)).parameters.items()}
-        set_to = {"of": name_of(self.inner), **{k: getattr(self, k) for k in self.settings}}
-        return catalog.format_spec(self.kind, {k: v for k, v in set_to.items() if v != defaults[k]})
+        inner = name_of(self.inner)
+        return name_of_settings(self, **({} if inner == getattr(type(self), "of", SOURCE) else {"of": inner}))
 
     @property
     def weights_name(self) -> str:
@@ -67,9 +75,9 @@ class Around:
         self.inner.observe(truth)
 
     def reset(self) -> None:
-        """Forget all that was observed."""
+        """Forget everything that was observed."""
         self.inner.reset()
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres."""
-        return self.inner.predict(observation, samples, seed)  # type: ignore[no-any-return]
+        return ask(self.inner, observation, samples, seed)

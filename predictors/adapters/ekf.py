@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, SpecError, Truth
 from motion_gym.data.windows import pick_scenes
-from motion_gym.predictors.adapters.adapter import KEPT, MEMORY, Adapter, scene_key
+from motion_gym.predictors.adapters.adapter import KEPT, Adapter, SceneKey, scene_key
 from motion_gym.predictors.networks.last_layer import tunable
-from motion_gym.predictors.settings import number, positive
+from motion_gym.predictors.settings import any_text, number, positive, setting, whole
 
 MOST_WEIGHTS = 4096
 """Weights that can be filtered: their covariance has as many squared."""
 STEPS = (2, 5, 8, 11)
-"""Future steps, from 0, whose positions are what is measured."""
+"""Future steps, from 0, whose positions are the measurements."""
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Ekf(Adapter):
     """Takes the chosen weights for the state of an extended Kalman filter, and true positions for its measurements.
 
@@ -32,60 +33,45 @@ class Ekf(Adapter):
     whose innovation is implausibly large are skipped.
 
     Args:
-        of: Name of a predictor of the STGAT or modular family, or such a predictor; a copy of it is used.
+        of: See ``Around``; a predictor of the STGAT or modular family.
+        weights: See ``Around``.
+        seed: See ``Around``.
+        memory: See ``Adapter``.
         parts: The weights: ``modulator`` (f), ``last_layer``, or others of at most 4096 weights.
         spread: Standard deviation of the weights around the trained ones at the start; above 0.
-        drift: Standard deviation of what each scene adds to it; 0 or more.
+        drift: Standard deviation of the drift of the weights between scenes; 0 or more.
         noise: Standard deviation of a coordinate of a position, metres; above 0.
         average: Share of the old average that an update leaves, from 0 to below 1.
         gate: A scene is skipped if its innovation, in standard deviations, is above this on root mean square.
         agents: Most agents of a scene that are measured, those of which most is known first.
-        every: Scenes that must have come before the next update; it is by one of the last ones.
+        every: Scenes that must have come before the next update, which uses one of the last ones.
         least: Future steps of which an agent of a scene must be known for the scene to count, 3 to 12.
-        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
 
     Raises:
         SpecError: an argument is not known or not allowed, or there are too many weights.
         PredictorError: the predictor cannot be tuned, or has no such part.
     """
 
-    kind = "ekf"
-    settings = ("parts", "spread", "drift", "noise", "average", "gate", "agents", "every", "least", "memory")
+    parts: str = setting("last_layer", any_text)
+    spread: float = setting(0.03, positive)
+    drift: float = setting(1e-4, number)
+    noise: float = setting(0.1, positive)
+    average: float = setting(0.5, number)
+    gate: float = setting(5.0, positive)
+    agents: int = setting(4, whole(1, 1000))
+    every: int = setting(1, whole(1, 10**6))
+    least: int = setting(FUTURE, whole(STEPS[0] + 1, FUTURE))
+    kind: ClassVar[str] = "ekf"
 
-    def __init__(
-        self,
-        of: Any = "modular_invariant",
-        parts: str = "last_layer",
-        spread: float = 0.03,
-        drift: float = 1e-4,
-        noise: float = 0.1,
-        average: float = 0.5,
-        gate: float = 5.0,
-        agents: int = 4,
-        every: int = 1,
-        least: int = FUTURE,
-        memory: int = MEMORY,
-        weights: str | Path | None = None,
-        seed: int | None = None,
-    ):
-        self.parts, self.spread, self.drift = parts, positive("spread", spread), number("drift", drift)
-        self.noise, self.average, self.gate = (
-            positive("noise", noise),
-            number("average", average),
-            positive("gate", gate),
-        )
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        super().__post_init__(of, weights, seed)
         if self.average >= 1:
-            raise SpecError(f"`average={average}` must be below 1: the share of the old average that is kept.")
-        self.agents, self.every = whole_number("agents", agents, 1, 1000), whole_number("every", every, 1, 10**6)
-        self.least = whole_number("least", least, STEPS[0] + 1, FUTURE)
-        super().__init__(of, memory, weights, seed)
-        self.tuned = tunable(self.inner, parts)
+            raise SpecError(f"`average={self.average:g}` must be below 1: the share of the old average that is kept.")
+        self.tuned = tunable(self.inner, self.parts)
         size = sum(self.inner.tensors[name].numel() for name in self.tuned)
         if size > MOST_WEIGHTS:
             raise SpecError(
-                f"`parts={parts}` of {self.inner.name} are {size} weights, and the covariance of more than "
+                f"`parts={self.parts}` of {self.inner.name} are {size} weights, and the covariance of more than "
                 f"{MOST_WEIGHTS} is too large to keep: choose a smaller one of {', '.join(self.inner.parts)}."
             )
 
@@ -95,19 +81,19 @@ class Ekf(Adapter):
         """[n] weights of the filter, and [n, n]."""
         self.outliers = 0
         """Scenes that were left out."""
-        self.measured: OrderedDict[bytes, None] = OrderedDict()
-        """The last scenes that were measured, by what was observed: each is measured once."""
+        self.measured: OrderedDict[SceneKey, None] = OrderedDict()
+        """The last scenes that were measured, by ``scene_key``: each is measured once."""
         self.waiting = 0
         """Scenes that have come since the last update."""
 
     def learn(self, truth: Truth) -> None:
         """Update by the scene in which most agents are known, if enough have come."""
-        said = np.bincount(truth.observation.scene_index, truth.known.sum(axis=1) >= self.least)
-        scenes = {scene_key(truth, scene): scene for scene in np.flatnonzero(said).tolist()}
+        known_agents = np.bincount(truth.observation.scene_index, truth.known.sum(axis=1) >= self.least)
+        scenes = {scene_key(truth, scene): scene for scene in np.flatnonzero(known_agents).tolist()}
         new = {key: scene for key, scene in scenes.items() if key not in self.measured}
         self.waiting += len(new)
         if self.waiting >= self.every and new:
-            best = max(new.values(), key=lambda scene: said[scene])
+            best = max(new.values(), key=lambda scene: known_agents[scene])
             self._update(pick_scenes(truth, [best]))
             self.waiting = 0
         self.measured.update(dict.fromkeys(new))
@@ -166,16 +152,16 @@ class Ekf(Adapter):
             for name in self.tuned:
                 weights[name].requires_grad_()
             offsets = self.inner.offsets(scene.observation, weights)
-            said = offsets[torch.arange(models), agent, step, axis]
-            slopes = torch.autograd.grad(said.sum(), [weights[name] for name in self.tuned])
+            predicted = offsets[torch.arange(models), agent, step, axis]
+            slopes = torch.autograd.grad(predicted.sum(), [weights[name] for name in self.tuned])
         target = torch.from_numpy(scene.future - scene.observation.xy[:, -1:])[agent, step, axis]
-        return torch.cat([slope.flatten(1) for slope in slopes], dim=1), target - said.detach()
+        return torch.cat([slope.flatten(1) for slope in slopes], dim=1), target - predicted.detach()
 
     def _split(self, state: Tensor) -> dict[str, Tensor]:
         """The weights of a state."""
-        found, first = {}, 0
+        tensors, first = {}, 0
         for name in self.tuned:
             shape = self.inner.tensors[name].shape
-            found[name] = state[first : first + shape.numel()].view(shape)
+            tensors[name] = state[first : first + shape.numel()].view(shape)
             first += shape.numel()
-        return found
+        return tensors

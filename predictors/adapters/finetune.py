@@ -1,10 +1,11 @@
-"""Online fine-tuning: gradient steps on what has just become known and on what is remembered."""
+"""Online fine-tuning: gradient steps on new ground truth and on remembered scenes."""
 
 from __future__ import annotations
 
 import copy
 from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,28 +13,31 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.catalog import suggest, whole_number
-from motion_gym.contract import FUTURE, SpecError, Truth
+from motion_gym.contract import FUTURE, Truth
 from motion_gym.data.windows import pick_scenes, stack
-from motion_gym.predictors.adapters.adapter import MEMORY, Adapter, scene_key
+from motion_gym.predictors.adapters.adapter import Adapter, SceneKey, scene_key
 from motion_gym.predictors.networks.last_layer import tunable
-from motion_gym.predictors.settings import number, positive
+from motion_gym.predictors.settings import any_text, one_of, positive, setting, share, whole
 
 OPTIMISERS = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
 MOST_RATE = 1e30
-"""More is as wrong, and would overflow inside of the optimiser."""
+"""A larger rate is as wrong, and would overflow inside the optimiser."""
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Finetune(Adapter):
     """Tunes weights by gradient steps on revealed truth, with a replay of the last scenes.
 
     What is minimised is the mean distance of the forecast positions from the true ones over all points that are known,
     metres: censored forecasts, and labels that come step by step, count as far as they go. A scene that is told again
-    with more of its steps known replaces what was remembered of it. Where the style encoder is tuned, the style of a
+    with more of its steps known replaces the remembered one. Where the style encoder is tuned, the style of a
     step is the mean code of its own scenes, unless a style is never read.
 
     Args:
-        of: Name of a predictor of the STGAT or modular family, or such a predictor; a copy of it is used.
+        of: See ``Around``; a predictor of the STGAT or modular family.
+        weights: See ``Around``.
+        seed: See ``Around``.
+        memory: See ``Adapter``.
         parts: What is tuned: ``all``; ``style``, all but the scene encoder (psi, f and g of the paper); ``modulator``,
             f alone; ``last_layer``.
         rate: Learning rate.
@@ -44,52 +48,33 @@ class Finetune(Adapter):
         buffer: Scenes that are remembered.
         least: Future steps of which an agent of a scene must be known for the scene to be learned from, 1 to 12. Fewer
             than 12 let it learn from people who left, and from labels that come step by step.
-        anchor: After each step, the share of the way back to the trained weights that is gone.
-        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
+        anchor: Share of the way back to the trained weights that is taken after each step, against forgetting. The
+            alias ``ema_anchor`` has 0.01.
 
     Raises:
         SpecError: an argument is not known or not allowed.
         PredictorError: the predictor cannot be tuned, or has no such part.
     """
 
-    kind = "finetune"
-    settings: ClassVar[tuple[str, ...]] = (
-        *("parts", "rate", "optimiser", "every", "steps", "batch", "buffer", "least", "anchor", "memory"),
-    )
+    parts: str = setting("all", any_text)
+    rate: float = setting(1e-4, positive)
+    optimiser: str = setting("adam", one_of(OPTIMISERS))
+    every: int = setting(1, whole(1, 10**6))
+    steps: int = setting(1, whole(1, 10**4))
+    batch: int = setting(16, whole(1, 10**5))
+    buffer: int = setting(128, whole(1, 10**5))
+    least: int = setting(FUTURE, whole(1, FUTURE))
+    anchor: float = setting(0.0, share)
+    kind: ClassVar[str] = "finetune"
 
-    def __init__(
-        self,
-        of: Any = "modular_invariant",
-        parts: str = "all",
-        rate: float = 1e-4,
-        optimiser: str = "adam",
-        every: int = 1,
-        steps: int = 1,
-        batch: int = 16,
-        buffer: int = 128,
-        least: int = FUTURE,
-        anchor: float = 0.0,
-        memory: int = MEMORY,
-        weights: str | Path | None = None,
-        seed: int | None = None,
-    ):
-        if optimiser not in OPTIMISERS:
-            raise SpecError(f"There is no `optimiser={optimiser}`.{suggest(str(optimiser), OPTIMISERS)}")
-        self.parts, self.rate, self.optimiser = parts, positive("rate", rate), optimiser
-        self.every, self.steps = whole_number("every", every, 1, 10**6), whole_number("steps", steps, 1, 10**4)
-        self.batch, self.buffer = whole_number("batch", batch, 1, 10**5), whole_number("buffer", buffer, 1, 10**5)
-        self.least, self.anchor = whole_number("least", least, 1, FUTURE), number("anchor", anchor)
-        if self.anchor > 1:
-            raise SpecError(f"`anchor={anchor}` is the share of a way: give a number from 0 to 1.")
-        super().__init__(of, memory, weights, seed)
-        self.tuned = tunable(self.inner, parts)
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        super().__post_init__(of, weights, seed)
+        self.tuned = tunable(self.inner, self.parts)
 
     def _start(self) -> None:
         super()._start()
-        self.recent: OrderedDict[bytes, Truth] = OrderedDict()
-        """Scenes that are remembered, by what was observed."""
+        self.recent: OrderedDict[SceneKey, Truth] = OrderedDict()
+        """Scenes that are remembered, by ``scene_key``."""
         self.waiting = 0
         """Scenes that have come since the last update."""
         self.state: dict[str, Any] = {}
@@ -160,39 +145,3 @@ class Finetune(Adapter):
         target = torch.from_numpy(truth.future - truth.observation.xy[:, -1:])
         known = torch.from_numpy(truth.known)
         return ((offsets - target)[known] ** 2).sum(dim=-1).add(1e-10).sqrt().mean()
-
-
-class EmaAnchor(Finetune):
-    """Fine-tuning that is pulled back towards the trained weights after each step, against forgetting.
-
-    Args:
-        of: Name of a predictor of the STGAT or modular family, or such a predictor; a copy of it is used.
-        parts: What is tuned, as for ``finetune``.
-        rate: Learning rate.
-        anchor: After each step, the share of the way back to the trained weights that is gone.
-        every: Scenes that must have come before the next update.
-        steps: Gradient steps of an update.
-        least: Future steps of which an agent of a scene must be known for the scene to be learned from, 1 to 12.
-        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
-    """
-
-    kind = "ema_anchor"
-    settings = ("parts", "rate", "anchor", "every", "steps", "least", "memory")
-
-    def __init__(
-        self,
-        of: Any = "modular_invariant",
-        parts: str = "all",
-        rate: float = 1e-4,
-        anchor: float = 0.01,
-        every: int = 1,
-        steps: int = 1,
-        least: int = FUTURE,
-        memory: int = MEMORY,
-        weights: str | Path | None = None,
-        seed: int | None = None,
-    ):
-        how: dict[str, Any] = {"every": every, "steps": steps, "least": least, "anchor": anchor, "memory": memory}
-        super().__init__(of, parts, rate, **how, weights=weights, seed=seed)

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import copy
-import itertools
 from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, SpecError, Truth
-from motion_gym.predictors.adapters.adapter import KEPT, MEMORY, Adapter, scene_key
+from motion_gym.predictors.adapters.adapter import KEPT, Adapter, Told
 from motion_gym.predictors.networks.last_layer import LastLayer, Linearised
 from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
-from motion_gym.predictors.settings import number, positive
+from motion_gym.predictors.settings import number, positive, setting
 from motion_gym.stepping.harness import name_of
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Kalman(Adapter):
     """Replaces the last layer by the mean of its posterior, given the trained one as prior and all truth so far.
 
@@ -35,126 +36,117 @@ class Kalman(Adapter):
     drawn from it, the first is its mean; an agent is off in one direction over all steps.
 
     Args:
-        of: Name of a predictor of the STGAT or modular family, ``linear``, or such a predictor; a copy of it is used.
+        of: See ``Around``; a predictor of the STGAT or modular family, or ``linear``.
+        weights: See ``Around``.
+        seed: See ``Around``.
+        memory: See ``Adapter``.
         ridge: Precision of the prior, in units of the noise's; above 0.
         forgetting: Factor by which the weight of what was seen falls with each scene, above 0, at most 1.
-        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
 
     Raises:
         SpecError: an argument is not allowed.
-        PredictorError: the predictor has no linear last layer.
+        PredictorError: the predictor has no linear last layer, or is not fitted.
     """
 
-    kind = "kalman"
-    settings: ClassVar[tuple[str, ...]] = ("ridge", "forgetting", "memory")
+    ridge: float = setting(10.0, positive)
+    forgetting: float = setting(0.99, number)
+    kind: ClassVar[str] = "kalman"
 
-    def __init__(
-        self,
-        of: Any = "modular_invariant",
-        ridge: float = 10.0,
-        forgetting: float = 0.99,
-        memory: int = MEMORY,
-        weights: str | Path | None = None,
-        seed: int | None = None,
-    ):
-        self.ridge, self.forgetting = positive("ridge", ridge), number("forgetting", forgetting)
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        super().__post_init__(of, weights, seed)
         if not 0 < self.forgetting <= 1:
-            raise SpecError(f"`forgetting={forgetting}` must be above 0, and at most 1.")
-        super().__init__(of, memory, weights, seed)
-        if not isinstance(self.inner, Linearised):
-            raise PredictorError(
-                f"{name_of(self.inner)} has no linear last layer that can be replaced (`last_layer`): use linear, or "
-                "one of the STGAT or modular family, as erm or modular_invariant."
-            )
+            raise SpecError(f"`forgetting={self.forgetting:g}` must be above 0, and at most 1.")
         if getattr(self.inner, "fitted", True) is False:
             raise PredictorError(
                 f"{name_of(self.inner)} is not fitted: give it fitted, as `fit(train, validation)` "
                 "leaves it, or adapt it by name on a stream, `motion-gym adapt`."
             )
+        self.check_last_layer()
+
+    def check_last_layer(self) -> None:
+        """Raise PredictorError unless the predictor has a last layer that can be replaced."""
+        if not isinstance(self.inner, Linearised):
+            raise PredictorError(
+                f"{name_of(self.inner)} has no linear last layer that can be replaced (`last_layer`): use linear, or "
+                "one of the STGAT or modular family, as erm or modular_invariant."
+            )
 
     def _start(self) -> None:
         super()._start()
         self.precision = self.pull = self.mean = np.zeros((0, 0))
-        """[C, C] and [C, O] what was seen, without the prior; [C, O] the weights."""
+        """[C, C] sum of phi phi' and [C, O] sum of phi y', both forgotten, without the prior; [C, O] weights W."""
         self.squares, self.count = np.zeros(FUTURE), np.zeros(FUTURE)
-        """Sums of squared residuals per coordinate by future step, and how many they are."""
-        self.told: OrderedDict[bytes, np.ndarray] = OrderedDict()
-        """What was known of the last scenes, by what was observed: labels may come step by step."""
+        """[12] sums of squared residuals per coordinate by future step, and of their weights, both forgotten."""
+        self.told = Told()
         self.layers: OrderedDict[bytes, LastLayer] = OrderedDict()
-        """Last layers of observations that were forecast, as they are needed again when their truth is told."""
+        """Last layers of observations that were forecast, which are needed again when their truth is told."""
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "layers": OrderedDict()}  # only to save time, and it cannot be pickled
+        return {**vars(self), "layers": OrderedDict()}  # layers only save time
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Kalman:
-        made = object.__new__(type(self))
-        vars(made).update({k: copy.deepcopy(v, memo) for k, v in vars(self).items() if k != "layers"})
-        made.layers = self.layers.copy()  # nobody changes a layer
-        return made
+        duplicate = object.__new__(type(self))
+        vars(duplicate).update({k: copy.deepcopy(v, memo) for k, v in vars(self).items() if k != "layers"})
+        duplicate.layers = self.layers.copy()  # a layer never changes
+        return duplicate
 
     def _layer(self, observation: Observation) -> LastLayer:
         style = getattr(self.inner, "observed", np.zeros(0)), getattr(self.inner, "scenes", 0)
-        told = observation.history.tobytes() + observation.scene.tobytes()
-        key = told + np.append(*style).tobytes()
+        key = observation.history.tobytes() + observation.scene.tobytes() + np.append(*style).tobytes()
         if key not in self.layers:
-            layer = self.inner.last_layer(observation)
+            layer = self._new_layer(observation)
             if len(self.layers) >= KEPT:
                 return layer  # asking changes nothing that is held
             self.layers[key] = layer
         return self.layers[key]
 
+    def _new_layer(self, observation: Observation) -> LastLayer:
+        return self.inner.last_layer(observation)  # type: ignore[no-any-return]
+
     def learn(self, truth: Truth) -> None:
-        """Take in the rows that are known."""
+        """Take in the rows of the last layer that have become known."""
         for _ in range(len(self.layers) - KEPT // 2):
             self.layers.popitem(last=False)
-        layer = self._layer(truth.observation)
-        before = self._told_before(truth)
-        counted = layer.by_row(before)
-        rows = layer.by_row(truth.known) & ~counted
-        if not rows.any():
+        observation = truth.observation
+        layer = self._layer(observation)
+        before = self.told.before(truth)
+        old_rows = layer.known_rows(before)
+        new_rows = layer.known_rows(truth.known) & ~old_rows
+        if not new_rows.any():
             return
-        index, scenes = truth.observation.scene_index, truth.observation.scenes
-        new, old = (layer.by_step(which * 1.0) > 0 for which in (rows, counted))
-        adds, added = (np.bincount(index, steps.any(axis=1), scenes) > 0 for steps in (new, old))
-        faded = self.forgetting ** int((adds & ~added).sum())
-        x, y = layer.inputs[rows], layer.outputs(truth.future.astype(np.float64))[rows]
-        advice = self._advice(layer, truth.observation)
+        advice = self._advice(layer, observation)
         self.judge(advice, truth, np.asarray(truth.known.all(axis=1) & ~before.all(axis=1)))
-        if not len(self.precision):
-            self.precision, self.pull = np.zeros((x.shape[1], x.shape[1])), np.zeros((x.shape[1], y.shape[1]))
-        residual = self._weighed(advice) - truth.future
-        square = (residual**2).sum(axis=-1) / 2 / (1 + self._doubt(layer))
-        precision, pull = faded * self.precision + x.T @ x, faded * self.pull + x.T @ y
-        self.updates += 1
+
+        # Everything so far is forgotten a little for each scene that is told for the first time.
+        new_steps, old_steps = (layer.by_step(rows.astype(float)) > 0 for rows in (new_rows, old_rows))
+        first_time = _scenes_with(new_steps, observation) & ~_scenes_with(old_steps, observation)
+        fade = self.forgetting ** int(first_time.sum())
+
+        phi = layer.inputs[new_rows]
+        y = layer.outputs(truth.future.astype(np.float64))[new_rows]
+        past = (self.precision, self.pull) if self.precision.size else (0.0, 0.0)
+        precision, pull = fade * past[0] + phi.T @ phi, fade * past[1] + phi.T @ y
         mean = _solved(self.ridge * np.eye(len(precision)) + precision, self.ridge * layer.weight + pull)
-        if not np.isfinite(mean).all() or not np.isfinite(square[new]).all():
+
+        # The residual of a new point has the variance noise * (1 + phi' P phi).
+        residual = self._weighed(advice) - truth.future
+        noise = (residual**2).sum(axis=-1) / 2 / (1 + self._doubt(layer))
+        self.updates += 1
+        if not np.isfinite(mean).all() or not np.isfinite(noise[new_steps]).all():
             self.rolled_back += 1
             return
         self.precision, self.pull, self.mean = precision, pull, mean
-        self.squares = faded * self.squares + np.where(new, square, 0).sum(axis=0)
-        self.count = faded * self.count + new.sum(axis=0)
+        self.squares = fade * self.squares + np.where(new_steps, noise, 0).sum(axis=0)
+        self.count = fade * self.count + new_steps.sum(axis=0)
 
     def judge(self, advice: np.ndarray, truth: Truth, agents: np.ndarray) -> None:
-        """Hold forecasts [E, A, 12, 2] against what is new, before it is learned; here, nothing.
+        """Compare forecasts [E, A, 12, 2] with what has become known, before it is learned; here, do nothing.
 
         Args:
             advice: What ``_advice`` gives.
             truth: What became known.
-            agents: [A] bool, of whom all is known now, and was not before.
+            agents: [A] bool, the agents of whom everything is known now, and was not before.
         """
-
-    def _told_before(self, truth: Truth) -> np.ndarray:
-        """What was known [A, 12] of the same scenes when they were told before; this truth is remembered."""
-        seen, before = truth.observation, np.zeros_like(truth.known)
-        for scene, (first, last) in enumerate(itertools.pairwise(seen.scene)):
-            key = scene_key(truth, scene)
-            before[first:last] = self.told.pop(key, False)
-            self.told[key] = truth.known[first:last] | before[first:last]
-        while len(self.told) > KEPT:
-            self.told.popitem(last=False)
-        return before
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres: the mean first, then samples of the predictive distribution."""
@@ -175,7 +167,7 @@ class Kalman(Adapter):
         return np.asarray(self.squares / np.maximum(self.count, 1e-9) * (1 + self._doubt(layer)))
 
     def _advice(self, layer: LastLayer, observation: Observation) -> np.ndarray:
-        """Forecasts [E, A, 12, 2], metres, that a forecast is made of; here, one."""
+        """Forecasts [E, A, 12, 2], metres, of the E experts that a forecast is made of; here, one."""
         return layer.positions(self._outputs(layer))[None]
 
     def _weighed(self, advice: np.ndarray) -> np.ndarray:
@@ -188,8 +180,14 @@ class Kalman(Adapter):
 
     def _doubt(self, layer: LastLayer) -> np.ndarray:
         """Phi' P phi of each agent and step: [A, 12]."""
-        spread = np.linalg.inv(self.ridge * np.eye(layer.inputs.shape[1]) + (self.precision if self.mean.size else 0))
+        precision = self.precision if self.precision.size else 0.0
+        spread = np.linalg.inv(self.ridge * np.eye(layer.inputs.shape[1]) + precision)
         return layer.by_step(np.einsum("rc,cd,rd->r", layer.inputs, spread, layer.inputs, optimize=True))
+
+
+def _scenes_with(steps: np.ndarray, observation: Observation) -> np.ndarray:
+    """[S] bool, the scenes in which some of the steps [A, 12] are set."""
+    return np.asarray(np.bincount(observation.scene_index, steps.any(axis=1), observation.scenes) > 0)
 
 
 def _solved(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -4,52 +4,27 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym import catalog
 from motion_gym.contract import Forecast, Observation, PredictorError, Truth
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.adapters.around import Around
 from motion_gym.predictors.networks.pair_network import walked
-from motion_gym.predictors.settings import positive
+from motion_gym.predictors.settings import positive, setting, whole
 from motion_gym.predictors.training.style_loss import TEMPERATURE
 from motion_gym.stepping.harness import name_of
 
-
-@runtime_checkable
-class Refinable(Protocol):
-    """What a predictor needs for its forecasts to be refined; S scenes, latents of C values."""
-
-    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
-        """Latent [1, N, C] of the scenes, or of their agents, in the style observed so far; of the first sample."""
-        ...
-
-    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
-        """Displacements of all agents that a latent stands for, in order: [1, A, 24], or as many values."""
-        ...
-
-    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
-        """Style embeddings [1, S, 8] of unit length of observed scenes that go on by such displacements."""
-        ...
-
-    def observe(self, truth: Truth) -> None:
-        """Read the style from reference scenes."""
-        ...
-
-    def reset(self) -> None:
-        """Forget them."""
-        ...
-
-    def whole_scenes(self, truth: Truth) -> Truth | None:
-        """The scenes that a style can be read from; None if there are none."""
-        ...
+REFINABLE = ("latent", "from_latent", "embedded", "whole_scenes", "observe", "reset")
+"""Methods that a predictor needs for its forecasts to be refined; see ``Modular``."""
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Refine(Around):
     """A predictor around one with a style encoder, that refines each of its forecasts (the paper's section 3.3).
 
@@ -58,37 +33,29 @@ class Refine(Around):
     style loss. Weights are never touched, and with no reference scenes there is nothing to refine towards.
 
     Args:
-        of: Name of a predictor with a style encoder, or such a predictor; a copy of it is used.
+        of: See ``Around``; a predictor with a style encoder.
+        weights: See ``Around``.
+        seed: See ``Around``.
         steps: Number of steps, 0 or more.
         rate: Learning rate.
         memory: Whole scenes, the last ones, that the style is read from; 0 for all that were observed.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
 
     Raises:
         PredictorError: the predictor has no style encoder.
     """
 
-    kind = "refine"
-    settings = ("steps", "rate", "memory")
+    steps: int = setting(3, whole(0, 10_000))
+    rate: float = setting(1e-3, positive)
+    memory: int = setting(0, whole(0, 100_000))
+    kind: ClassVar[str] = "refine"
 
-    def __init__(
-        self,
-        of: Any = "modular_invariant",
-        steps: int = 3,
-        rate: float = 1e-3,
-        memory: int = 0,
-        weights: str | Path | None = None,
-        seed: int | None = None,
-    ):
-        super().__init__(of, weights, seed)
-        if not isinstance(self.inner, Refinable):
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        super().__post_init__(of, weights, seed)
+        if not all(hasattr(self.inner, method) for method in REFINABLE):
             raise PredictorError(
                 f"{name_of(self.inner)} has no style encoder, so that there is nothing to refine a "
                 "forecast by: use modular or modular_invariant."
             )
-        self.steps, self.rate = catalog.whole_number("steps", steps, 0, 10_000), positive("rate", rate)
-        self.memory = catalog.whole_number("memory", memory, 0, 100_000)
         self._forget()
 
     def _forget(self) -> None:

@@ -91,7 +91,7 @@ class Frame:
 
 
 def scenes_of(observation: Observation) -> tuple[Scenes, Frame]:
-    """Everything that the networks are given, and the way back to the world."""
+    """Inputs of the networks, and the transformation back to the world frame."""
     path, dt = observation.xy.astype(np.float64), observation.dt
     at, velocity = _course(path, dt)
     speed = np.linalg.norm(velocity, axis=-1, keepdims=True)

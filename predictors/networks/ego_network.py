@@ -14,7 +14,7 @@ from torch import Tensor
 
 from motion_gym.contract import FUTURE, HISTORY, WINDOW
 from motion_gym.predictors.networks.ego_features import BEFORE, DURING, FREE, Scenes
-from motion_gym.predictors.weighted import Weights
+from motion_gym.training.program import Weights
 
 WIDTH = 128
 DOUBT = 0.1
@@ -30,15 +30,15 @@ GAINS = {"plain": "plain", "manoeuvre": "correction"}
 
 def shapes(networks: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
     """Shape of every weight, without the axis M."""
-    found: dict[str, tuple[int, ...]] = {}
+    result: dict[str, tuple[int, ...]] = {}
     for name in networks:
         sizes = LAYERS[name]
-        found[f"inputs.{name}_mean"] = found[f"inputs.{name}_scale"] = (sizes[0],)
+        result[f"inputs.{name}_mean"] = result[f"inputs.{name}_scale"] = (sizes[0],)
         for number in range(1, len(sizes)):
-            found[f"{name}.weight{number}"] = (sizes[number - 1], sizes[number])
-            found[f"{name}.bias{number}"] = (sizes[number],)
-        found[f"{GAINS[name]}.gain"] = (2 * HISTORY, 2 * FUTURE)
-    return found
+            result[f"{name}.weight{number}"] = (sizes[number - 1], sizes[number])
+            result[f"{name}.bias{number}"] = (sizes[number],)
+        result[f"{GAINS[name]}.gain"] = (2 * HISTORY, 2 * FUTURE)
+    return result
 
 
 def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], seed: int) -> Weights:

@@ -1,8 +1,8 @@
-"""What a predictor offers to be adapted: weights that forecasts depend on smoothly, and a last layer that is linear."""
+"""Interfaces of predictors that can be adapted: weights that gradients reach, and a linear last layer."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -40,28 +40,29 @@ class Tunable(Protocol):
         Returns:
             [M, A, 12, 2], metres from the last observed position; differentiable with respect to the weights.
         """
-        ...
 
 
 @dataclass(frozen=True)
 class LastLayer:
-    """What a predictor's forecasts are a linear map of.
+    """The linear last layer of a predictor, for the A agents of an observation.
+
+    Forecasts are a function of ``inputs @ weight``, the outputs. The outputs of a row are the vectors of successive
+    future steps of one agent, or of all agents of a scene one after another: 12 A / R vectors of 2 values in each of
+    the R rows, in the order of agents and steps.
 
     Attributes:
-        inputs: [R, C] float64, the last one a 1 for the bias.
-        weight: [C, O] float64, of the trained predictor.
-        positions: Forecast positions [A, 12, 2], metres, from outputs [R, O].
-        outputs: What the outputs should have been [R, O], from true positions [A, 12, 2].
-        by_row: [R] bool, which rows are known, from what is known [A, 12].
-        by_step: [A, 12] from values [R] of the rows.
+        inputs: [R, C] float64; the last one is 1, for the bias.
+        weight: [C, O] float64, of the trained predictor; O = 24 A / R.
+        last: [A, 1, 2] float64, last observed positions, metres, world frame.
+        turn: [A, 2, 2] matrices that turn world row vectors into the frame of the outputs; None for the world frame.
+        moves: Whether the vectors are displacements from step to step; else they are offsets from ``last``.
     """
 
     inputs: np.ndarray
     weight: np.ndarray
-    positions: Callable[[np.ndarray], np.ndarray]
-    outputs: Callable[[np.ndarray], np.ndarray]
-    by_row: Callable[[np.ndarray], np.ndarray]
-    by_step: Callable[[np.ndarray], np.ndarray]
+    last: np.ndarray
+    turn: np.ndarray | None = None
+    moves: bool = True
 
     def __post_init__(self) -> None:
         for name in ("inputs", "weight"):  # copies of an adapter share them
@@ -69,36 +70,39 @@ class LastLayer:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
-    @classmethod
-    def of_moves(cls, observation: Observation, inputs: np.ndarray, weight: np.ndarray, moves: int) -> LastLayer:
-        """A last layer whose outputs are ``moves`` successive displacements, rows in order of agents and steps.
+    def positions(self, outputs: np.ndarray) -> np.ndarray:
+        """Positions [A, 12, 2], metres, world frame, that outputs [R, O] stand for."""
+        vectors = outputs.reshape(-1, FUTURE, 2)
+        if self.moves:
+            vectors = vectors.cumsum(axis=1)
+        if self.turn is not None:
+            vectors = vectors @ self.turn.transpose(0, 2, 1)
+        return np.asarray(self.last + vectors)
 
-        Args:
-            observation: A agents.
-            inputs: [R, C - 1], without the one; R is 12 A / moves.
-            weight: [C, 2 moves].
-            moves: Displacements of a row.
-        """
-        last = observation.xy[:, -1:].astype(np.float64)
+    def outputs(self, positions: np.ndarray) -> np.ndarray:
+        """Outputs [R, O] that stand for positions [A, 12, 2]: the inverse of ``positions``."""
+        vectors = positions - self.last
+        if self.turn is not None:
+            vectors = vectors @ self.turn
+        if self.moves:
+            vectors = np.diff(vectors, axis=1, prepend=0)
+        return np.asarray(vectors.reshape(len(self.inputs), self.weight.shape[1]))
 
-        def positions(outputs: np.ndarray) -> np.ndarray:
-            return last + outputs.reshape(-1, FUTURE, 2).cumsum(axis=1)
+    def known_rows(self, known: np.ndarray) -> np.ndarray:
+        """[R] bool, the rows all of whose vectors are known where the positions ``known`` [A, 12] are."""
+        vectors = known.copy()
+        if self.moves:
+            vectors[:, 1:] &= known[:, :-1]
+        return np.asarray(vectors.reshape(len(self.inputs), -1).all(axis=1))
 
-        def outputs(future: np.ndarray) -> np.ndarray:
-            return np.diff(np.concatenate([last, future], axis=1), axis=1).reshape(-1, 2 * moves)
+    def by_step(self, values: np.ndarray) -> np.ndarray:
+        """Values [R] of the rows as values [A, 12] of the steps that they hold."""
+        return np.repeat(values, self.last.size // 2 * FUTURE // max(len(values), 1)).reshape(-1, FUTURE)
 
-        def by_row(known: np.ndarray) -> np.ndarray:
-            ends = known[:, :1], known[:, 1:] & known[:, :-1]  # of each displacement
-            return np.asarray(np.concatenate(ends, axis=1).reshape(-1, moves).all(axis=1))
 
-        return cls(
-            np.concatenate([inputs, np.ones((len(inputs), 1))], axis=1),
-            weight,
-            positions,
-            outputs,
-            by_row,
-            lambda values: np.repeat(values, moves).reshape(-1, FUTURE),
-        )
+def with_one(inputs: np.ndarray) -> np.ndarray:
+    """Inputs [R, C] with a further one [R, C + 1] that is 1, for the bias."""
+    return np.concatenate([inputs, np.ones((len(inputs), 1))], axis=1)
 
 
 @runtime_checkable
@@ -107,7 +111,6 @@ class Linearised(Protocol):
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
         """The last layer for the agents of an observation."""
-        ...
 
 
 def tunable(predictor: Any, parts: str) -> list[str]:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, Forecast, Observation, PredictorError, Truth
-from motion_gym.predictors.weighted import Weights
+from motion_gym.training.program import Weights
 
 AGENTS = 2
 CODE = 8
@@ -108,11 +108,11 @@ def shapes(parts: tuple[str, ...] = tuple(LAYERS)) -> dict[str, tuple[int, ...]]
 
 def shapes_of(parts: Mapping[str, tuple[tuple[int, int], ...]]) -> dict[str, tuple[int, ...]]:
     """Shape of every weight of layers with such inputs and outputs, without the axis M."""
-    found: dict[str, tuple[int, ...]] = {}
+    result: dict[str, tuple[int, ...]] = {}
     for part, sizes in parts.items():
         for number, (inputs, outputs) in enumerate(sizes, 1):
-            found[f"{part}.weight{number}"], found[f"{part}.bias{number}"] = (inputs, outputs), (outputs,)
-    return found
+            result[f"{part}.weight{number}"], result[f"{part}.bias{number}"] = (inputs, outputs), (outputs,)
+    return result
 
 
 def initial(seed: int, expected: dict[str, tuple[int, ...]]) -> Weights:
@@ -157,7 +157,7 @@ def embed(codes: Tensor, weights: Weights) -> Tensor:
 
 
 def modulate(x: Tensor, codes: Tensor, weights: Weights, block: int) -> Tensor:
-    """Add to x [M, S, C] what the modulator makes of it and the codes [M, S or 1, 8], before decoder block 1 or 2."""
+    """Add the output of the modulator to x [M, S, C], for codes [M, S or 1, 8], before decoder block 1 or 2."""
     joined = torch.cat([x, codes.expand(len(x), x.shape[1], -1)], dim=-1)
     return x + layers(joined, weights, "modulator", 2 * block - 1, 2 * block)
 
@@ -168,7 +168,7 @@ def decode(latent: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:
 
 
 def before_last(latent: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:
-    """What the last layer of ``decode`` is given: [M, S, 48]."""
+    """Inputs [M, S, 48] of the last layer of ``decode``."""
     x = layers(latent, weights, "decoder", 1, 2)
     if codes is not None:
         x = modulate(x, codes, weights, 2)

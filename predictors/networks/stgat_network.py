@@ -10,15 +10,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from motion_gym.contract import FUTURE
 from motion_gym.predictors.networks.graph_attention import Layout, graph_attention
-from motion_gym.predictors.networks.lstm import joined_weights, rolled_out, rolled_states, unrolled
-from motion_gym.predictors.weighted import Weights, check_shapes
+from motion_gym.predictors.networks.lstm import joined_weights, rolled_out, unrolled
+from motion_gym.training.program import Weights
+from motion_gym.training.weight_files import check_shapes
 
 TRAJECTORY, GRAPH, NOISE = 32, 32, 16
 """Units of the trajectory LSTM, of the graph LSTM, and values of noise; together the units of the decoder."""
@@ -66,22 +66,22 @@ class Draws:
 
 def shapes(features: int) -> dict[str, tuple[int, ...]]:
     """Shape of every weight without the axis M, for inputs of ``features`` values per step."""
-    found: dict[str, tuple[int, ...]] = {}
+    result: dict[str, tuple[int, ...]] = {}
     for name, inputs, units in (
         ("trajectory", features, TRAJECTORY),
         ("graph", GRAPH, GRAPH),
         ("decoder", 2, DECODER),
     ):
-        found[f"{name}.input"] = (inputs, 4 * units)
-        found[f"{name}.hidden"] = (units, 4 * units)
-        found[f"{name}.bias_input"] = found[f"{name}.bias_hidden"] = (4 * units,)
+        result[f"{name}.input"] = (inputs, 4 * units)
+        result[f"{name}.hidden"] = (units, 4 * units)
+        result[f"{name}.bias_input"] = result[f"{name}.bias_hidden"] = (4 * units,)
     for name, heads, channels, out in (("attention1", 4, TRAJECTORY, 16), ("attention2", 1, 64, GRAPH)):
-        found[f"{name}.w"] = (heads, channels, out)
-        found[f"{name}.source"] = found[f"{name}.target"] = (heads, out)
-        found[f"{name}.bias"] = (out,)
+        result[f"{name}.w"] = (heads, channels, out)
+        result[f"{name}.source"] = result[f"{name}.target"] = (heads, out)
+        result[f"{name}.bias"] = (out,)
     for name, inputs in (("stage1", TRAJECTORY), ("stage2", TRAJECTORY + GRAPH), ("stage3", DECODER)):
-        found[f"{name}.weight"], found[f"{name}.bias"] = (inputs, 2), (2,)
-    return found
+        result[f"{name}.weight"], result[f"{name}.bias"] = (inputs, 2), (2,)
+    return result
 
 
 def check_weights(
@@ -120,7 +120,7 @@ def initial(features: int, seed: int) -> Weights:
         elif kind == "bias":
             bound = 0.0
         else:
-            # As torch counts what goes in and out of an array of three axes: heads, channels (else 1), F.
+            # Fan in and fan out as torch counts them for three axes: heads, channels (else 1), F.
             heads, features = shape[0], shape[-1]
             bound = math.sqrt(2) * math.sqrt(6 / ((shape[1] + heads) * features if kind == "w" else features + heads))
         weights[name] = (torch.rand(1, *shape, generator=generator) * 2 - 1) * bound
@@ -143,7 +143,7 @@ def encode_trajectory(steps: Tensor, draws: Draws, weights: Weights) -> Tensor:
 
 
 def encode_graph(hidden: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
-    """Hidden states [8, M, A, 32] of the graph LSTM over what the scene's agents make of the trajectory states."""
+    """Hidden states [8, M, A, 32] of the graph LSTM over the attended trajectory states of each scene."""
     return unrolled(graph_attention(hidden, layout, weights), *draws.graph, _lstm(weights, "graph"))
 
 
@@ -179,22 +179,18 @@ def encode(steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Ten
 
 
 def decode(latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False) -> Tensor:
-    """Roll the decoder out from a latent [M, A, 64] and the last displacements [A, 2]: [12, M, A, 2] displacements."""
-    return rolled_out(*_rolled(latent, last, noise, weights, counterfactual))
+    """Displacements [12, M, A, 2] that the decoder makes of a latent [M, A, 64] and the last displacements [A, 2]."""
+    return decoder_states(latent, last, noise, weights, counterfactual)[0]
 
 
 def decoder_states(
     latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False
-) -> Tensor:
-    """What the last layer maps to the displacements of ``decode``: [12, M, A, 80]."""
-    return rolled_states(*_rolled(latent, last, noise, weights, counterfactual))
-
-
-def _rolled(latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool) -> tuple[Any, ...]:
+) -> tuple[Tensor, Tensor]:
+    """The displacements of ``decode``, and the states [12, M, A, 80] that the last layer maps to them."""
     h = torch.cat([latent, noise], dim=-1)
     if counterfactual:
         without = torch.cat([torch.zeros_like(latent[..., :TRAJECTORY]), latent[..., TRAJECTORY:], noise], dim=-1)
         h = torch.stack([h, without], dim=2).flatten(1, 2)
     first = last.expand(len(h), -1, -1)
     out, bias = weights["stage3.weight"], weights["stage3.bias"]
-    return h, first, _lstm(weights, "decoder"), out, bias, FUTURE, counterfactual
+    return rolled_out(h, first, _lstm(weights, "decoder"), out, bias, FUTURE, counterfactual)

@@ -1,4 +1,4 @@
-"""The network of STGAT with a style: a style encoder for any number of agents, and a modulator of what it encodes.
+"""The network of STGAT with a style: a style encoder for any number of agents, and a modulator.
 
 The parts are those of the paper's two-agent network, around another backbone: z' = f(z, c) + z with z the last states
 of both encoders. The style of a scene is the mean code of its pairs of neighbours.
@@ -14,7 +14,7 @@ from motion_gym.predictors.networks import pair_network, stgat_network
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.pair_network import CODE, layers
 from motion_gym.predictors.networks.stgat_network import GRAPH, TRAJECTORY, Draws
-from motion_gym.predictors.weighted import Weights
+from motion_gym.training.program import Weights
 
 LATENT = TRAJECTORY + GRAPH
 LAYERS: dict[str, tuple[tuple[int, int], ...]] = {
@@ -62,6 +62,6 @@ def forecast(steps: Tensor, draws: Draws, layout: Layout, codes: Tensor, weights
 
 
 def modulate(latent: Tensor, codes: Tensor, weights: Weights) -> Tensor:
-    """Add to a latent [M, A, 64] what the modulator makes of it and of codes [M, A or 1, 8]."""
+    """Add the output of the modulator to a latent [M, A, 64], for codes [M, A or 1, 8]."""
     joined = torch.cat([latent, codes.expand(len(latent), latent.shape[1], -1)], dim=-1)
     return latent + layers(joined, weights, "modulator", 1, len(LAYERS["modulator"]))

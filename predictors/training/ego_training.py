@@ -14,8 +14,7 @@ from motion_gym.contract import PredictorError, Truth
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import FREE, Scenes, kept_distances, scenes_of
-from motion_gym.predictors.weighted import Weights, check_complete
-from motion_gym.training.loop import Stage
+from motion_gym.training.program import Program, Stage, Weights, check_complete
 
 STYLED = "manoeuvre"
 """Name of the network with a style."""
@@ -33,7 +32,7 @@ TRUST = 0.05
 
 
 def distance_and_trust(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distance that agents keep, metres, and the share [0, 1) that what follows from it has in a forecast.
+    """The distance that agents keep, metres, and the weight [0, 1) of the styled network in a forecast.
 
     Args:
         state: [..., 2] sums of ``kept_distances`` over scenes.
@@ -42,7 +41,7 @@ def distance_and_trust(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return state[..., 1] / np.maximum(weight, 1e-9), weight / (weight + TRUST)
 
 
-class EgoProgram:
+class EgoProgram(Program):
     """Training of the ego-frame networks on a set of environments.
 
     Args:
@@ -56,7 +55,7 @@ class EgoProgram:
         config: What else the result depends on.
 
     Raises:
-        PredictorError: nothing to train on, or environments in which nobody keeps a distance from anybody.
+        PredictorError: nothing to train on, or environments without a style to read.
     """
 
     def __init__(
@@ -112,28 +111,19 @@ class EgoProgram:
                 )
         if (drawn[..., 0] < TRUST).any():
             raise PredictorError(
-                "In some training environment nobody keeps a distance from anybody, so that there is no style to read: "
+                "In some training environment nobody keeps a distance from anybody else, so there is no style to read: "
                 "train `ego_erm`."
             )
         self.seen = drawn[:, 0]
         self.distances = torch.tensor(distance_and_trust(drawn)[0], dtype=torch.float32, device=self.device)
 
-    def finished(self, weights: Weights) -> Weights:
-        """The weights as they are."""
-        return weights
-
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
         inputs = {
             "plain": torch.cat([self.scenes.before, self.scenes.during], dim=-1).cpu(),
             "manoeuvre": self.scenes.before.cpu(),
         }
-        each = [ego_network.initial(self.networks, inputs, seed) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
-
-    def state(self, models: int) -> Tensor:
-        """No state."""
-        return torch.zeros(0)
+        return ego_network.initial(self.networks, inputs, seed)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
@@ -186,7 +176,7 @@ class EgoProgram:
 
 
 def forecast(scenes: Scenes, state: np.ndarray, weights: Weights) -> Tensor:
-    """Offsets [M, A, 24] for scenes [M, A, ...], given the sums [2] of what was seen of the style."""
+    """Offsets [M, A, 24] for scenes [M, A, ...], given the sums [2] of ``kept_distances`` over the observed scenes."""
     plain = ego_network.without_style(scenes, weights)
     if f"{STYLED}.bias1" not in weights:
         return plain

@@ -16,8 +16,7 @@ from motion_gym.predictors.networks.stgat_network import Draws
 from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
 from motion_gym.predictors.training.stgat_training import Inputs, Schedule, StgatProgram
 from motion_gym.predictors.training.style_loss import style_loss
-from motion_gym.predictors.weighted import Weights
-from motion_gym.training.loop import Stage
+from motion_gym.training.program import Stage, Weights
 
 SHOWN = 64
 """Training scenes of an environment that validation reads its style from."""
@@ -105,10 +104,9 @@ class StyledStgatProgram(StgatProgram):
         ]
         self.config["epochs_before"] = list(epochs[:-1])
 
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
-        each = [stgat_style.initial(self.features, seed) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        return stgat_style.initial(self.features, seed)
 
     def finished(self, weights: Weights) -> Weights:
         """Weights with the prior of the style, each environment counting the same, and the length of a step."""
@@ -137,10 +135,10 @@ class StyledStgatProgram(StgatProgram):
                 count = torch.bincount(environment[there], minlength=len(parts)).clamp(min=1)
                 style = (total / count[:, None])[:, batch.environment]
                 draws = Draws.from_generators(generators, batch.layout)
-                made = stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
+                forecast = stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
                 weight = batch.known * (batch.share / FUTURE)
                 scene = batch.layout.scene
-                risks = risks_of(made, batch.moves, weight, scene, batch.environment, batch.count)
+                risks = risks_of(forecast, batch.moves, weight, scene, batch.environment, batch.count)
                 loss = loss + Erm()(risks, state)
             yield loss
 
@@ -176,8 +174,8 @@ class StyledStgatProgram(StgatProgram):
         """Codes [M, S, 8] of the scenes of a step, and which of them have pairs [S]."""
         paths, owners, before = [], [], 0
         for number, scenes in parts:
-            found, owner = self.pairs[number].of(scenes)
-            paths.append(found)
+            shown, owner = self.pairs[number].of(scenes)
+            paths.append(shown)
             owners.append(owner + before)
             before += len(scenes)
         scene = torch.from_numpy(np.concatenate(owners))

@@ -7,13 +7,10 @@ checkpoint holds it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar
 
 import torch
 from torch import Tensor
-
-from motion_gym.contract import SpecError
-from motion_gym.predictors.settings import number
 
 RELEASED_SCENES = 64
 """Scenes of a step of the released program, all of one environment."""
@@ -59,38 +56,24 @@ def risks_of(
     return Risks(value, halves.unflatten(0, (2, size)), count)
 
 
-class Objective(Protocol):
+class Objective:
     """Turns risks into what is minimised."""
 
-    @property
-    def joint(self) -> bool:
-        """Whether a step needs several environments at once."""
-        ...
-
-    @property
-    def compares(self) -> bool:
-        """Whether it means nothing with one environment alone."""
-        ...
+    joint: ClassVar[bool] = False
+    """Whether a step needs several environments at once."""
+    compares: ClassVar[bool] = True
+    """Whether it means nothing with one environment alone."""
 
     def start(self, environments: int, models: int, device: torch.device) -> Tensor:
-        """State at the beginning of a stage; an empty tensor if there is none."""
-        ...
+        """State at the beginning of a stage; empty here."""
+        return torch.zeros(0, device=device)
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
         """Losses [M]; may change the state in place."""
-        ...
+        raise NotImplementedError
 
 
-class _Stateless:
-    joint = False
-    compares = True
-
-    def start(self, environments: int, models: int, device: torch.device) -> Tensor:
-        """No state."""
-        return torch.zeros(0, device=device)
-
-
-class Erm(_Stateless):
+class Erm(Objective):
     """Sum of all risks (the paper's Eq. 1)."""
 
     compares = False
@@ -100,10 +83,11 @@ class Erm(_Stateless):
         return risks.value.sum(dim=0)
 
 
-class Irm(_Stateless):
+@dataclass(frozen=True)
+class Irm(Objective):
     """Risks, and for each environment a penalty on the squared slope (the paper's Eq. 3; IRMv1, Arjovsky et al., 2019).
 
-    Args:
+    Attributes:
         penalty: Factor lambda of the penalty, >= 0, for sums over 64 scenes of an environment, as in the released
             program. The penalty grows with their square, the risk with their number: where a step holds fewer scenes,
             the factor is raised in proportion, so that lambda means the same.
@@ -113,11 +97,8 @@ class Irm(_Stateless):
             lower, adds nothing to it.
     """
 
-    def __init__(self, penalty: float, unbiased: bool = True):
-        self.penalty = number("penalty", penalty)
-        if not isinstance(unbiased, bool):
-            raise SpecError(f"`unbiased={unbiased}` must be true or false.")
-        self.unbiased = unbiased
+    penalty: float
+    unbiased: bool = True
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
         """Losses [M]."""
@@ -127,17 +108,16 @@ class Irm(_Stateless):
         return (risks.value + factor * squared).sum(dim=0)
 
 
-class VRex(_Stateless):
+@dataclass(frozen=True)
+class VRex(Objective):
     """Mean risk, and a penalty on the variance of the environments' mean risks (Krueger et al., ICML 2021).
 
-    Args:
+    Attributes:
         penalty: Factor beta of the variance, >= 0.
     """
 
-    joint = True
-
-    def __init__(self, penalty: float):
-        self.penalty = number("penalty", penalty)
+    penalty: float
+    joint: ClassVar[bool] = True
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
         """Losses [M]."""
@@ -145,18 +125,16 @@ class VRex(_Stateless):
         return mean.mean(dim=0) + self.penalty * mean.var(dim=0, unbiased=False)
 
 
-class GroupDro:
+@dataclass(frozen=True)
+class GroupDro(Objective):
     """Mean risks weighted by how bad they are (Sagawa et al., ICLR 2020): the worst environment comes to count most.
 
-    Args:
+    Attributes:
         rate: Step of the weights, >= 0: each is multiplied by exp(rate * mean risk) and they are made to sum to 1.
     """
 
-    joint = True
-    compares = True
-
-    def __init__(self, rate: float):
-        self.rate = number("rate", rate)
+    rate: float
+    joint: ClassVar[bool] = True
 
     def start(self, environments: int, models: int, device: torch.device) -> Tensor:
         """Equal weights [E, M]."""

@@ -16,9 +16,9 @@ from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.pair_network import Pairs
 from motion_gym.predictors.training.style_training import Schedule, StyleProgram
-from motion_gym.predictors.weighted import Weights
 from motion_gym.training import loop as training
 from motion_gym.training import plans as training_plans
+from motion_gym.training.program import Weights
 
 VARIANTS = {"pre-trained": (100, 50, 20, 100), "not pre-trained": (100, 0, 20, 100)}
 """Epochs of the stages; the second one pre-trains the style encoder."""

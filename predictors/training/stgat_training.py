@@ -16,7 +16,7 @@ from motion_gym.data.windows import digest, pick_scenes, stack
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
 from motion_gym.predictors.training.objectives import Objective, risks_of
-from motion_gym.training.loop import Stage
+from motion_gym.training.program import Program, Stage
 
 Inputs = Callable[[Observation], np.ndarray]
 """Turns an Observation into the network's input [8, A, F]."""
@@ -103,7 +103,7 @@ class Schedule:
         whole_number("scenes", self.scenes, 1, 1_000_000)
 
 
-class StgatProgram:
+class StgatProgram(Program):
     """Training of STGAT on a set of environments.
 
     Args:
@@ -166,14 +166,9 @@ class StgatProgram:
             "validation": [digest(v) for v in validation],
         }
 
-    def finished(self, weights: Weights) -> Weights:
-        """The weights as they are."""
-        return weights
-
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
-        each = [initial(self.features, seed) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in each[0]}
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        return initial(self.features, seed)
 
     def state(self, models: int) -> Tensor:
         """State of the objective."""
@@ -186,15 +181,15 @@ class StgatProgram:
         for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self._in_turn():
             draws = Draws.from_generators(generators, batch.layout)
             if stage == 2:
-                made = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
+                output = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
                 target, weight = batch.moves, batch.known * (batch.share / FUTURE)
             else:
                 target = batch.steps[..., :2]
                 weight = (batch.share / HISTORY).expand(HISTORY, -1)
-                made = stage1(batch.steps, draws, weights)
+                output = stage1(batch.steps, draws, weights)
                 if stage == 1:
-                    made = stage2(batch.steps, draws, batch.layout, weights)
-            risks = risks_of(made, target, weight, batch.layout.scene, batch.environment, batch.count)
+                    output = stage2(batch.steps, draws, batch.layout, weights)
+            risks = risks_of(output, target, weight, batch.layout.scene, batch.environment, batch.count)
             yield self.objective(risks, state)
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
@@ -210,7 +205,7 @@ class StgatProgram:
         return total / count
 
     def _in_turn(self) -> list[Batch]:
-        """Steps of every epoch, each of one environment; made once."""
+        """Steps of every epoch, each of one environment; computed once."""
         if not self.staged:
             size = self.schedule.scenes
             for number, truth in enumerate(self.train):
@@ -238,8 +233,8 @@ class StgatProgram:
         return Batch.of(truths, self.inputs, self.device)
 
     def _validation(self, truth: Truth) -> list[Batch]:
-        found = []
+        batches = []
         for first in range(0, truth.observation.scenes, VALIDATED_AT_ONCE):
             part = pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))
-            found.append(Batch.of([part], self.inputs, self.device))
-        return found
+            batches.append(Batch.of([part], self.inputs, self.device))
+        return batches

@@ -18,8 +18,7 @@ from motion_gym.predictors.networks.pair_network import AGENTS, Pairs
 from motion_gym.predictors.settings import number
 from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
 from motion_gym.predictors.training.style_loss import style_loss
-from motion_gym.predictors.weighted import Weights, check_complete
-from motion_gym.training.loop import Stage
+from motion_gym.training.program import Program, Stage, Weights, check_complete
 
 PLAIN = ("encoder", "decoder")
 """Parts of the network without style."""
@@ -74,7 +73,7 @@ def mean_code(environments: Sequence[Pairs], weights: Weights) -> Tensor:
     return torch.stack(means).mean(dim=0)
 
 
-class StyleProgram:
+class StyleProgram(Program):
     """Training of the two-agent network on a set of environments.
 
     Args:
@@ -132,14 +131,12 @@ class StyleProgram:
             "validation": [digest(v) for v in validation],
         }
 
-    def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights of each seed."""
-        expected = pair_network.shapes() if self.styled else pair_network.shapes(PLAIN)
-        each = [pair_network.initial(seed, expected) for seed in seeds]
-        return {name: torch.cat([weights[name] for weights in each]) for name in expected}
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        return pair_network.initial(seed, pair_network.shapes() if self.styled else pair_network.shapes(PLAIN))
 
     def finished(self, weights: Weights) -> Weights:
-        """Weights with what a predictor needs besides: the prior of the style, and the length of a step."""
+        """The trained weights, with the prior of the style and the time step."""
         if not self.styled:
             return weights
         dt = torch.full((len(weights["style.bias1"]), 1), self.dt)
@@ -175,11 +172,11 @@ class StyleProgram:
             means = codes.unflatten(1, (len(parts), -1)).mean(dim=2, keepdim=True)
             codes = means.expand(-1, -1, self.schedule.scenes, -1).flatten(1, 2)
         history = torch.cat([part.history for part in parts])
-        made = pair_network.forecast(history, codes, weights)
+        forecast = pair_network.forecast(history, codes, weights)
         target = torch.cat([part.moves for part in parts])
         agents = AGENTS * len(history)
         risks = risks_of(
-            made.view(len(made), agents, FUTURE, 2).permute(2, 0, 1, 3),
+            forecast.view(len(forecast), agents, FUTURE, 2).permute(2, 0, 1, 3),
             target.view(agents, FUTURE, 2).transpose(0, 1),
             target.new_full((FUTURE, agents), 1 / (FUTURE * AGENTS)),
             torch.arange(len(history), device=self.device).repeat_interleave(AGENTS),

@@ -13,8 +13,7 @@ from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.pair_network import AGENTS, Pairs
 from motion_gym.predictors.training.style_loss import style_loss
-from motion_gym.predictors.weighted import Weights
-from motion_gym.training.loop import Stage
+from motion_gym.training.program import Program, Stage, Weights
 
 PARTS: Mapping[str, tuple[str, ...]] = {
     "all": ("encoder", "decoder", "style", "modulator", "head"),
@@ -27,7 +26,7 @@ BATCH = 64
 """Scenes of a step; the style of a step is the mean code of its own scenes."""
 
 
-class TransferProgram:
+class TransferProgram(Program):
     """Training of some parts on a few scenes of one environment.
 
     Args:
@@ -62,10 +61,6 @@ class TransferProgram:
     def initial(self, seeds: Sequence[int]) -> Weights:
         """A copy of the weights."""
         return {name: value.clone() for name, value in self.begin.items()}
-
-    def state(self, models: int) -> Tensor:
-        """No state."""
-        return torch.zeros(0)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int

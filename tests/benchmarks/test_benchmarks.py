@@ -14,8 +14,8 @@ from motion_gym.benchmarks.store import SHIPPED, Store
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.metrics.errors import score
+from motion_gym.predictors.adapters.transfer import Transfer
 from motion_gym.predictors.stand_still import StandStill
-from motion_gym.predictors.transfer import Transfer
 from motion_gym.training import plans as training_plans
 from motion_gym.training import weight_files
 

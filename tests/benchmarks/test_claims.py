@@ -22,7 +22,7 @@ from motion_gym.benchmarks.claims import (
     verdict,
 )
 from motion_gym.benchmarks.claims_page import page, verdict_table
-from motion_gym.benchmarks.readme_claims import CLAIMS
+from motion_gym.benchmarks.sentences import CLAIMS
 from motion_gym.benchmarks.significance import holm, paired_p
 from motion_gym.contract import SpecError
 

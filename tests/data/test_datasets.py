@@ -236,6 +236,14 @@ def test_locate_missing_says_what_to_do(toy: DataSet, data: Path) -> None:
         assert part in str(caught.value)
 
 
+def test_a_file_that_cannot_be_read_is_not_called_missing_or_damaged(toy: DataSet, data: Path) -> None:
+    (data / "toy").mkdir(parents=True)
+    (data / "toy" / "one.txt").symlink_to("one.txt")  # a link to itself: neither there nor missing
+    for use in (lambda: locate("toy", "one.txt"), lambda: verify("toy")):
+        with pytest.raises(DataError, match=r"one\.txt cannot be read: .*Make it readable, or set MOTION_GYM_DATA"):
+            use()
+
+
 def test_locate_sees_a_folder_set_one_level_too_deep(
     toy: DataSet, source: Path, data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

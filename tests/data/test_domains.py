@@ -8,6 +8,7 @@ import pytest
 import motion_gym
 from motion_gym.contract import Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
+from motion_gym.stepping.wrappers import ScoreParallel
 
 
 def walkers(people=3, steps=30):
@@ -97,3 +98,7 @@ def test_a_domain_in_pixels_is_scored_in_pixels():
     assert f"ADE {card.metrics['ADE'].mean:.3f} [" in str(card) and "] px, FDE" in str(card) and "] m" not in str(card)
     assert set(card.metrics) == {"ADE", "FDE"}, "a miss and a collision are distances in metres"
     assert {m["unit"] for m in card.as_dict()["metrics"].values()} == {"px"}
+    env = ScoreParallel(motion_gym.parallel_env(Pixels("a")))
+    env.reset()
+    env.step({agent: np.zeros((1, 12, 2), np.float32) for agent in env.agents})
+    assert set(env.score()) == {"ADE", "FDE"}

@@ -11,7 +11,7 @@ import torch
 import motion_gym as mg
 from motion_gym import catalog
 from motion_gym.checks.predictor_trials import synthetic
-from motion_gym.contract import DataError, PredictorError, SpecError
+from motion_gym.contract import DataError, Forecast, PredictorError, SpecError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.snapshot import shared_arrays, snapshot
 from tests.taped import fitted_linear
@@ -253,7 +253,7 @@ def test_one_gradient_step_is_that_of_the_mean_distance(crowd):
         ("ekf:parts=all", PAIR, SpecError, r"are \d+ weights, and the covariance of more than 4096 is too large"),
         ("finetune:optimiser=adem", PAIR, SpecError, "no `optimiser=adem`. Did you mean `adam`"),
         ("finetune:rate=0", PAIR, SpecError, "`rate=0` must be a number above 0"),
-        ("finetune:anchor=1.5", PAIR, SpecError, "`anchor=1.5` is the share of a way: give a number from 0 to 1"),
+        ("finetune:anchor=1.5", PAIR, SpecError, "`anchor=1.5` is a share: give a number from 0 to 1"),
         ("ema_anchor:anchor=-1", PAIR, SpecError, "`anchor=-1`"),
         ("finetune:every=0", PAIR, SpecError, "`every=0`"),
         ("finetune:steps=0", PAIR, SpecError, "`steps=0`"),
@@ -298,7 +298,7 @@ def test_what_is_no_truth_is_refused(crowd, name):
         dataclasses.replace(scene, future=bad),
         dataclasses.replace(scene, known=bad[..., 0]),
     ):
-        with pytest.raises(DataError, match="What was observed"):
+        with pytest.raises(DataError, match="The observed truth"):
             made.observe(truth)
     assert snapshot(made) == before
 
@@ -310,3 +310,96 @@ def test_names_say_what_is_done_to_whom():
     assert mg.adapter("kalman", fitted_linear()).name == "kalman:of=Linear"
     assert mg.adapter("none", PAIR).name == "none:of=modular_invariant"
     assert made.selection == mg.predictor(PAIR).selection and made.trained_on == mg.predictor(PAIR).trained_on
+
+
+def timed(scene, time):
+    """The same scene at another time."""
+    return dataclasses.replace(scene, observation=dataclasses.replace(scene.observation, time=np.array([time])))
+
+
+@pytest.mark.parametrize("name", ["kalman", "hedge", "finetune", "ekf"])
+def test_a_scene_is_known_by_when_it_was_and_not_by_what_it_shows(crowd, name):
+    scene = each(crowd, [0])[0]
+    made = mg.adapter(name, PAIR)
+    for time in (8, 9, 10, 10):
+        made.observe(timed(scene, time))
+    # The scene at time 10 is told twice; fine-tuning and filters learn from it once.
+    assert made.updates == 3
+    once = mg.adapter(name, PAIR)
+    once.observe(timed(scene, 8))
+    assert once.updates == 1
+
+
+def test_a_crowd_that_stands_still_is_learned_from_as_any_other():
+    """People who stand look alike at every time; before, all but the first scene were taken for the same one."""
+    still = mg.adapter("kalman", fitted_linear(), memory=0)
+    jittered = mg.adapter("kalman", fitted_linear(), memory=0)
+    rng = np.random.default_rng(0)
+    for time in range(40):
+        history = np.zeros((2, 8, 2), np.float32) + np.array([[[3, 1]], [[5, 2]]], np.float32)
+        here = mg.Observation(history, np.array([0, 2]), np.arange(2), 0.4, np.array([time]))
+        future = history[:, -1:] + np.zeros((2, 12, 2), np.float32)
+        moved = dataclasses.replace(here, history=history + rng.normal(0, 1e-4, history.shape).astype(np.float32))
+        still.observe(mg.Truth(future, np.ones((2, 12), bool), here))
+        jittered.observe(mg.Truth(future, np.ones((2, 12), bool), moved))
+    assert still.updates == jittered.updates == 40
+    made = (fitted_linear(), still, jittered)
+    trained, *adapted = (np.abs(one.predict(here).positions[:, 0] - future).max() for one in made)
+    # Of the prior's bias, 10 / (10 + 65) is left: 80 rows, forgotten by .99 a scene, against a ridge of 10.
+    assert max(adapted) < 0.2 * trained
+
+
+@pytest.mark.parametrize("name", catalog.ADAPTERS)
+def test_parts_of_scenes_and_standing_crowds_do_not_stop_an_adapter(crowd, name):
+    made, scene = mg.adapter(name, PAIR), each(crowd, [0])[0]
+    made.predict(scene.observation)  # which loads the weights
+    before = snapshot(made)
+    part = dataclasses.replace(
+        scene,
+        future=scene.future[:1],
+        known=scene.known[:1],
+        observation=dataclasses.replace(
+            scene.observation,
+            history=scene.observation.history[:1],
+            scene=np.array([0, 1]),
+            agent=scene.observation.agent[:1],
+        ),
+    )
+    made.observe(part)
+    assert snapshot(made) == before  # the network takes pairs
+    last = np.repeat(scene.observation.xy[:, -1:], 12, axis=1)
+    for _ in range(3):
+        made.observe(
+            dataclasses.replace(
+                scene,
+                future=last.copy(),
+                observation=dataclasses.replace(scene.observation, history=last[:, :8].copy()),
+            )
+        )
+    assert np.isfinite(made.predict(crowd.observation).positions).all()
+
+
+class Plain:
+    """A predictor that gives an array, as the contract allows: everybody stays."""
+
+    def predict(self, observation, samples=1, seed=0):
+        return np.repeat(observation.xy[:, None, -1:], 12, axis=2)
+
+
+@pytest.mark.parametrize("name", ["none", "hedge"])
+def test_a_predictor_that_gives_an_array_can_be_adapted(crowd, name):
+    made = mg.adapter(name, Plain())
+    for scene in each(crowd, range(3)):
+        assert isinstance(made.predict(scene.observation), Forecast)
+        made.observe(scene)
+    assert made.predict(crowd.observation).positions.shape == (len(crowd.future), 1, 12, 2)
+
+
+def test_names_of_aliases_stay_and_are_read_back():
+    for name in ("erm_no_sigma", "counterfactual:sigma=false", "style_invariant", "modular_invariant", "vrex"):
+        assert mg.predictor(name).name == name
+    for name in ("ema_anchor", "ema_anchor:rate=0.001,anchor=0.001", "finetune"):
+        made = mg.adapter(name, PAIR)
+        assert mg.adapter(made.name, PAIR).name == made.name and made.name.startswith(name.partition(":")[0])
+    assert mg.predictor("modular:penalty=1").name == "modular_invariant"
+    assert mg.predictor("erm:counterfactual=true").name == "counterfactual"

@@ -108,8 +108,8 @@ def assert_gives(made, truth):
     np.testing.assert_allclose(layer.positions(layer.outputs(future)), future, atol=1e-8)
     assert len(layer.outputs(future)) == len(layer.inputs)
     known = np.random.default_rng(0).random(truth.known.shape) < 0.9
-    rows = layer.by_row(known)
-    assert rows.shape == (len(layer.inputs),) and layer.by_row(np.ones_like(known)).all()
+    rows = layer.known_rows(known)
+    assert rows.shape == (len(layer.inputs),) and layer.known_rows(np.ones_like(known)).all()
     unknown = layer.by_step((~rows).astype(float)) > 0
     assert unknown.shape == known.shape and unknown[~known].all()
     other = np.where(known[..., None], future, future + 1)

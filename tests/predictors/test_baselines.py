@@ -120,7 +120,7 @@ def test_stand_still_stays():
     ],
 )
 def test_values_that_are_not_allowed(spec):
-    with pytest.raises(SpecError, match=r"of (constant_velocity|linear)"):
+    with pytest.raises(SpecError, match=r"`(velocity=first|ridge=-1|ridge=much|sigma=1)`"):
         motion_gym.predictor(spec)
 
 

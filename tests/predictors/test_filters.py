@@ -33,7 +33,7 @@ def adapter(name, of, **parameters):
 def ridge_solution(made, told, ridge, forgetting):
     """Weights that minimise the sum that the class says, by least squares."""
     layers = [made.inner.last_layer(truth.observation) for truth in told]
-    rows = [layer.by_row(truth.known) for layer, truth in zip(layers, told, strict=True)]
+    rows = [layer.known_rows(truth.known) for layer, truth in zip(layers, told, strict=True)]
     later = np.cumsum([kept.any() for kept in rows][::-1])[::-1] - [kept.any() for kept in rows]
     inputs, outputs = [np.sqrt(ridge) * np.eye(len(layers[0].weight))], [np.sqrt(ridge) * layers[0].weight]
     for layer, truth, kept, since in zip(layers, told, rows, later, strict=True):

@@ -90,3 +90,21 @@ def test_no_learned_style_reaches_the_trained_predictor():
 def test_settings_that_cannot_be(setting, value):
     with pytest.raises(SpecError, match=f"`{setting}={value}`"):
         adapter("hedge", STGAT, **{setting: value})
+
+
+def test_without_a_last_layer_the_predictor_and_constant_velocity_remain():
+    made = mg.adapter("hedge", "stand_still", rate=3.0, share=0.03)
+    (one,) = scenes(1)
+    np.testing.assert_array_equal(made.trust, 0.5)
+    both = [
+        mg.predictor(name).predict(one.observation).positions[:, 0] for name in ("stand_still", "constant_velocity")
+    ]
+    np.testing.assert_allclose(made.predict(one.observation).positions[:, 0], np.mean(both, axis=0), atol=1e-5)
+    for truth in scenes(10):
+        future = ConstantVelocity().predict(truth.observation).positions[:, 0]
+        made.observe(dataclasses.replace(truth, future=future))
+    assert made.trust[1] > 0.9 and made.updates == 10 and made.rolled_back == 0
+    drawn = made.predict(one.observation, 50, 1).positions
+    assert drawn.shape == (2, 50, 12, 2) and drawn[:, 1:].std(axis=1).min() > 0
+    made.reset()
+    np.testing.assert_array_equal(made.trust, 0.5)

@@ -13,7 +13,7 @@ from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.adapters.refine import Refine
 from motion_gym.predictors.modular_stgat import ModularStgat
 from motion_gym.predictors.networks.neighbour_pairs import NEAREST, NeighbourPairs, whole_paths
-from motion_gym.predictors.stgat import ErmNoSigma
+from motion_gym.predictors.stgat import Erm
 
 SHORT = (2, 2, 3, 10, 3, 4)
 
@@ -104,7 +104,7 @@ def test_weights_are_kept_and_others_are_refused(made, crowd, tmp_path):
         torch.from_numpy(again.predict(observation).positions), torch.from_numpy(made.predict(observation).positions)
     )
     with pytest.raises(PredictorError, match="it lacks"):
-        plain = ErmNoSigma().fit(*training_set(crowd), 0, epochs=(1, 1, 1), joint=True)
+        plain = Erm(sigma=False).fit(*training_set(crowd), 0, epochs=(1, 1, 1), joint=True)
         plain.save(tmp_path / "plain.safetensors")
         ModularStgat(tmp_path / "plain.safetensors")
     with pytest.raises(PredictorError, match="trained without sigma"):

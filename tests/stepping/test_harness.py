@@ -8,9 +8,10 @@ import pytest
 from motion_gym.checks import predictor_trials as trials
 from motion_gym.contract import Card, Forecast, PredictorError, SpecError
 from motion_gym.data.domains import freeze
+from motion_gym.data.validation import check_forecast
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.linear import Linear
-from motion_gym.stepping.harness import ask, checked, frozen, guarded, name_of, ready, tell
+from motion_gym.stepping.harness import ask, frozen, guarded, name_of, ready, tell
 
 TRUTH = freeze(trials.synthetic((1, 2, 5), 2, seed=0))
 HERE = TRUTH.observation
@@ -127,7 +128,7 @@ def test_the_first_bad_agent_is_named():
 
 
 def test_weights_are_handed_on_as_float32():
-    answer = checked(Forecast(forecast(HERE, 2), [[1, 3]] * len(HERE)), HERE, 2, "x")
+    answer = check_forecast(Forecast(forecast(HERE, 2), [[1, 3]] * len(HERE)), HERE, 2, "x")
     np.testing.assert_array_equal(answer.weights, np.full((len(HERE), 2), [1, 3], np.float32))
     assert answer.weights.dtype == np.float32
 

@@ -67,7 +67,7 @@ def test_a_time_is_forecast_once(waiting):
 
 
 def test_each_agent_is_forecast(waiting):
-    with pytest.raises(PredictorError, match="is of 3 agents, and 2 are observed"):
+    with pytest.raises(PredictorError, match=r"shape \(3, 1, 12, 2\) for 2 agents"):
         waiting.store(6, observation(2), forecast(3))
 
 

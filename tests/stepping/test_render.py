@@ -205,3 +205,27 @@ def test_a_place_without_extent_can_be_drawn():
     canvas, env = Canvas("point", np.zeros((2, 2))), after(0, clock="stream", people=1)
     canvas.update(0, env._step.observation, None, None)
     assert canvas.image("rgb_array").shape == (540, 720, 3)
+
+
+class Far(RecordedDomain):
+    """A walker in UTM coordinates."""
+
+    name = "far"
+
+    def recordings(self, split):
+        """The same for all splits."""
+        xy = np.array([471_000.0, 5_501_000.0]) + 0.5 * np.arange(30)[:, None]
+        return [Recording(np.arange(30), np.zeros(30, np.int64), xy, self.dt)]
+
+
+@pytest.mark.parametrize("make", [WindowEnv, ForecastEnv])
+def test_axes_show_the_coordinates_of_the_source(make):
+    env = make(Far(), render_mode="rgb_array")
+    env.reset()
+    env.render()
+    (axes,) = env._canvas._figure.axes
+    env._canvas._figure.canvas.draw()
+    for axis, first in ((axes.xaxis, 471_000), (axes.yaxis, 5_501_000)):
+        shown = [float(label.get_text()) for label in axis.get_ticklabels()]
+        assert len(shown) > 2 and all(first - 50 < value < first + 50 for value in shown)
+    assert np.abs(env._canvas.observation.history).max() < 1000, "predictors are shown positions near the origin"

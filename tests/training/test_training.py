@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import functools
 import os
 
 import numpy as np
@@ -15,12 +16,14 @@ from motion_gym.data.storage import StorageError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.ego import EgoModular
 from motion_gym.predictors.networks import kernels
-from motion_gym.predictors.stgat import Counterfactual, Erm, ErmNoSigma, GroupDro, Invariant, VRex
+from motion_gym.predictors.stgat import Erm, GroupDro, Invariant, VRex
 from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
 from motion_gym.training import loop as training
 
 EPOCHS = (1, 1, 3)
+ErmNoSigma = functools.partial(Erm, sigma=False)
+Counterfactual = functools.partial(Erm, counterfactual=True)
 
 
 @pytest.fixture(scope="module")
@@ -115,12 +118,13 @@ def test_the_kept_weights_are_those_of_the_best_epoch(data):
     made = Erm().fit(*data, [0, 1, 2], epochs=(1, 1, 4))
     scores = np.array([entry["score"] for entry in made.card["curve"] if "score" in entry])
     assert scores.shape == (4, 3)
-    np.testing.assert_allclose(made.card["validation_ade"], scores.min(axis=0))
+    # The card has the error of the weights that are kept, which are rounded to half precision (10 bits).
+    np.testing.assert_allclose(made.card["validation_ade"], scores.min(axis=0), rtol=2e-3)
     assert made.card["epoch"] == [int(e) + 3 for e in scores.argmin(axis=0)]
 
 
 def test_training_lowers_the_error(data):
-    made = ErmNoSigma().fit(*data, [0, 1], epochs=(2, 2, 8))
+    made = Erm(sigma=False).fit(*data, [0, 1], epochs=(2, 2, 8))
     scores = [np.mean(entry["score"]) for entry in made.card["curve"] if "score" in entry]
     assert min(scores) < 0.8 * scores[0]
 
@@ -140,7 +144,7 @@ def test_saved_seeds_are_found_again(data, tmp_path):
     with pytest.raises(SpecError, match=r"is to use seed 9, and is to be trained with \[0\]"):
         Erm(seed=9).fit(*data, epochs=EPOCHS)
     with pytest.raises(PredictorError, match="trained with sigma"):
-        ErmNoSigma(path)
+        Erm(path, sigma=False)
 
 
 def test_a_checkpoint_of_another_configuration_is_refused(data, tmp_path):
@@ -305,15 +309,40 @@ def test_a_full_disk_leaves_the_last_checkpoint(data, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["a.checkpoint"]
 
 
+@pytest.mark.parametrize("stage", [0, 1, 2])
 @pytest.mark.parametrize("kind", [Counterfactual, GroupDro])
-def test_plain_operations_of_torch_train_alike(data, kind, monkeypatch):
-    # What runs on a GPU, on the CPU.
-    by_kernels = kind().fit(*data, [0, 1], epochs=(1, 1, 1))
+def test_plain_operations_of_torch_give_the_same_gradients(data, kind, stage, monkeypatch):
+    """What runs on a GPU against what runs on the CPU, on the CPU."""
+    made = kind()
+    program = made.program(*data, device=torch.device("cpu"), joint=True)
+
+    def gradients():
+        weights = {name: value.requires_grad_() for name, value in program.initial([0, 1]).items()}
+        generators = [torch.Generator().manual_seed(seed) for seed in (0, 1)]
+        loss = next(program.losses(weights, program.state(2), stage, generators, 0))
+        slopes = torch.autograd.grad(loss.sum(), list(weights.values()), allow_unused=True)
+        return loss.detach(), torch.cat([slope.flatten() for slope in slopes if slope is not None])
+
+    loss, by_kernels = gradients()
     monkeypatch.setattr(kernels, "serve", lambda x: False)
-    plainly = kind().fit(*data, [0, 1], epochs=(1, 1, 1))
-    for a, b in zip(by_kernels.card["curve"], plainly.card["curve"], strict=True):
-        assert a["loss"] == pytest.approx(b["loss"], rel=2e-3)
-    np.testing.assert_allclose(by_kernels.card["validation_ade"], plainly.card["validation_ade"], rtol=2e-2)
+    expected, plainly = gradients()
+    # Sums of single precision in orders that the processor chooses, through 20 steps and a division by spreads that may
+    # be near zero. Trained weights would amplify such differences.
+    torch.testing.assert_close(loss, expected, rtol=1e-4, atol=0)
+    assert float((by_kernels - plainly).norm()) < 1e-3 * float(plainly.norm())
+
+
+def test_a_card_has_the_error_of_the_weights_that_are_kept(data):
+    made = ErmNoSigma().fit(*data, [0, 3], epochs=(1, 1, 2))
+    program = made.program(*data, device=torch.device("cpu"), epochs=(1, 1, 2))
+    generators = [
+        training._generator(s, e - 1, training.VALIDATION, torch.device("cpu"))
+        for s, e in zip((0, 3), made.card["epoch"], strict=True)
+    ]
+    with torch.no_grad():
+        scores = program.validate(made.stacked, generators)
+    assert made.card["validation_ade"] == [round(score, 4) for score in scores.tolist()]
+    assert all(torch.equal(value, value.half().float()) for value in made.stacked.values())
 
 
 def test_steps_in_turn_hold_every_scene_once(data):

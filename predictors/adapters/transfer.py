@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from torch import Tensor
 
 from motion_gym import catalog
-from motion_gym.contract import Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import Observation, PredictorError, Truth
 from motion_gym.data.windows import check_truth, digest
 from motion_gym.predictors.adapters.around import Around
 from motion_gym.predictors.modular import Modular
-from motion_gym.predictors.settings import number, positive
+from motion_gym.predictors.settings import number, one_of, optional, positive, setting, whole
 from motion_gym.predictors.training.style_training import mean_code
 from motion_gym.predictors.training.transfer_training import BATCH, PARTS, TransferProgram
-from motion_gym.predictors.weighted import Weights
 from motion_gym.stepping.harness import name_of
 from motion_gym.training import loop as training
+from motion_gym.training.program import Weights
 
 SCHEDULES: Mapping[str, tuple[int, float]] = {
     "all": (100, 1e-4),
@@ -32,11 +33,12 @@ SCHEDULES: Mapping[str, tuple[int, float]] = {
 PUBLISHED = (300, 1e-3)
 """Epochs and rate of the released program, which takes the epoch that is best on validation scenes of the target."""
 KEPT = 8
-"""Tuned weights that are kept: those of all seeds come about together, and are asked for one after the other."""
+"""Sets of tuned weights that are kept: all seeds are tuned together, and asked for one after the other."""
 
 _kept: dict[str, Weights] = {}
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Transfer(Around):
     """A predictor around a modular one, that is tuned on a few scenes of a new style (the paper's section 4.2).
 
@@ -44,42 +46,30 @@ class Transfer(Around):
     begins with.
 
     Args:
-        of: Name of a modular predictor, or such a predictor; a copy of it is used.
+        of: See ``Around``; a modular predictor.
+        weights: See ``Around``.
+        seed: See ``Around``.
         parts: What is tuned: ``all``; ``style``, all but the scene encoder (psi, f and g of the paper); ``modulator``,
             f alone; ``last_layer``, that of the decoder.
         epochs: Passes over the scenes; by default ``SCHEDULES``, or ``PUBLISHED`` where validation scenes are given.
         rate: Learning rate of Adam; by default as ``epochs``.
         style_weight: Factor of the style loss, which sets the new style apart from those of training.
-        weights: Of the predictor, where it is given by name.
-        seed: Of the predictor, where it is given by name.
 
     Raises:
         SpecError: an argument is not known or not allowed.
         PredictorError: the predictor is not modular.
     """
 
-    kind = "transfer"
-    settings = ("parts", "epochs", "rate", "style_weight")
-    inner: Modular
+    parts: str = setting("modulator", one_of(PARTS))
+    epochs: int | None = setting(None, optional(whole(1, 10**6)))
+    rate: float | None = setting(None, optional(positive))
+    style_weight: float = setting(0.05, number)
+    kind: ClassVar[str] = "transfer"
 
-    def __init__(
-        self,
-        of: Any = "modular_invariant",
-        parts: str = "modulator",
-        epochs: int | None = None,
-        rate: float | None = None,
-        style_weight: float = 0.05,
-        weights: str | Path | None = None,
-        seed: int | None = None,
-    ):
-        super().__init__(of, weights, seed)
+    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
+        super().__post_init__(of, weights, seed)
         if not isinstance(self.inner, Modular):
             raise PredictorError(f"{name_of(self.inner)} cannot be tuned to a style: use modular or modular_invariant.")
-        if parts not in PARTS:
-            raise SpecError(f"There is no `parts={parts}` to tune.{catalog.suggest(str(parts), PARTS)}")
-        self.parts, self.rate = parts, None if rate is None else positive("rate", rate)
-        self.style_weight = number("style_weight", style_weight)
-        self.epochs = None if epochs is None else catalog.whole_number("epochs", epochs, 1, 10**6)
         self.how = ""
         self.begin: tuple[Weights, dict[str, Any]] | None = None
 
@@ -106,7 +96,7 @@ class Transfer(Around):
             PredictorError: there are no weights; the scenes are no multiple of 64, not complete, not of two agents, or
                 of another length of step; or the style loss needs to know the domains that the weights were trained on.
         """
-        count = check_truth(scenes, "What is to be tuned on").observation.scenes
+        count = check_truth(scenes, "The scenes to tune on").observation.scenes
         if not count or count % BATCH:
             raise PredictorError(
                 f"{self.name} is tuned on batches of {BATCH} scenes, and was given {count} scenes: give "
@@ -116,9 +106,9 @@ class Transfer(Around):
             self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
             self.begin = self.inner.stacked, self.inner.card
         weights, card = self.begin
-        given = [scenes] if validation is None else [scenes, check_truth(validation, "What is to be selected by")]
-        for truth in given:
-            self.inner.check_dt(truth)
+        truths = [scenes] if validation is None else [scenes, check_truth(validation, "The validation scenes")]
+        for truth in truths:
+            self.inner._ready(truth.observation)
             if not truth.known.all():
                 raise PredictorError(f"{self.name} is tuned on scenes all of whose 20 steps are known: give such.")
         trained_on = card.get("trained_on", ())
@@ -132,7 +122,7 @@ class Transfer(Around):
         epochs, rate = self.schedule(published=validation is not None)
         sources = _windows(tuple(trained_on))
         program = TransferProgram(weights, scenes, sources, self.parts, epochs, rate, style_weight, validation)
-        tuned = _trained(program, given, card.get("seeds", list(range(len(weights["prior.dt"])))))
+        tuned = _trained(program, truths, card.get("seeds", list(range(len(weights["prior.dt"])))))
         if validation is not None:
             chosen = "the best epoch on validation scenes of the domain itself"
         elif self.epochs or self.rate:
@@ -143,7 +133,7 @@ class Transfer(Around):
         self.inner.use(tuned, card)
 
     def whole_scenes(self, truth: Truth) -> Truth | None:
-        """See ``Modular``, as for the next three, which are what ``Refine`` needs."""
+        """Scenes that a style can be read from; with the next three methods, the interface of ``Refine``."""
         return self.inner.whole_scenes(truth)
 
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
@@ -172,10 +162,10 @@ def _trained(program: TransferProgram, data: Sequence[Truth], seeds: Sequence[in
         key.update(name.encode() + value.numpy().tobytes())
     name = key.hexdigest()
     if name not in _kept:
-        made = training.train(program, seeds).weights
+        trained = training.train(program, seeds).weights
         if program.sources:
-            made["prior.code"] = mean_code([program.pairs, *program.sources], made)
-        _kept[name] = made
+            trained["prior.code"] = mean_code([program.pairs, *program.sources], trained)
+        _kept[name] = trained
         for old in list(_kept)[:-KEPT]:
             del _kept[old]
     return _kept[name]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -52,21 +51,11 @@ def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
             raise PredictorError(f"{path} has two tensors for {name}.")
         tensors[name] = value[None].contiguous()
     card = {
+        "dt": 0.4,
         "source": f"released program of the paper, {Path(path).name}",
-        "epoch": _plain(content.get("epoch")),
-        "best_ade": _plain(content.get("best_ade")),
         "selection": "published weights; best ADE on the source validation split, as the released program selects",
     }
     return tensors, card
-
-
-def _plain(value: Any) -> float | None:
-    """A finite number for the card, or None."""
-    try:
-        found = float(value)
-    except (TypeError, ValueError):
-        return None
-    return found if math.isfinite(found) else None
 
 
 def _released_name(key: str) -> tuple[str, str]:

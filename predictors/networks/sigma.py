@@ -1,4 +1,4 @@
-"""What predictors make of sigma, the noise feature."""
+"""How predictors use sigma, the noise feature."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import numpy as np
 from motion_gym.contract import Observation, SpecError
 
 
-def check_sigma(sigma: object, name: str) -> None:
-    """Raise SpecError unless a predictor's ``sigma`` is True, False or ``"relative"``."""
-    if not isinstance(sigma, bool) and sigma != "relative":
-        raise SpecError(f"`sigma={sigma}` of {name} must be true, false or relative.")
+def check_sigma(name: str, value: object) -> bool | str:
+    """The value, if it is True, False or ``"relative"``; SpecError otherwise."""
+    if not isinstance(value, bool) and value != "relative":
+        raise SpecError(f"`{name}={value}` must be true, false or relative.")
+    return value  # type: ignore[return-value]
 
 
 def relative_to_scene(observation: Observation) -> np.ndarray:

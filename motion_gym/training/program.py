@@ -1,0 +1,101 @@
+"""What is trained: a program with its stages, and the sets of windows that it is trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from motion_gym.contract import PredictorError, Truth
+
+Weights = dict[str, Tensor]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a training.
+
+    Attributes:
+        name: For the progress bar and the card.
+        epochs: Number of epochs.
+        rates: Learning rate of Adam by a weight's name or the first part of it; ``""`` for the rest. Weights without a
+            rate stay as they are.
+        selects: Whether validation scores of this stage decide which weights are kept.
+        decays: Whether the learning rates fall from epoch to epoch, along a half cosine towards 0; the number of epochs
+            is then part of the configuration.
+    """
+
+    name: str
+    epochs: int
+    rates: Mapping[str, float]
+    selects: bool = False
+    decays: bool = False
+
+
+class Program:
+    """What is to be trained; a subclass sets the attributes and gives first weights, losses and validation scores.
+
+    Attributes:
+        stages: Stages, one after another.
+        config: Everything that the result depends on, in JSON types; a checkpoint of another configuration is refused.
+    """
+
+    stages: list[Stage]
+    config: dict[str, Any]
+
+    def first(self, seed: int) -> Weights:
+        """First weights of one model, [1, ...]."""
+        raise NotImplementedError
+
+    def initial(self, seeds: Sequence[int]) -> Weights:
+        """First weights [M, ...] of all models."""
+        models = [self.first(seed) for seed in seeds]
+        return {name: torch.cat([weights[name] for weights in models]) for name in models[0]}
+
+    def state(self, models: int) -> Tensor:
+        """State of the objective at the beginning of a stage; empty here."""
+        return torch.zeros(0)
+
+    def losses(
+        self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
+    ) -> Iterator[Tensor]:
+        """Losses [M] of the steps of an epoch, one after the other; weights change in between."""
+        raise NotImplementedError
+
+    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
+        """Validation scores [M], lower is better."""
+        raise NotImplementedError
+
+    def finished(self, weights: Weights) -> Weights:
+        """The trained weights, on the CPU, with what the predictor needs besides."""
+        return weights
+
+
+def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
+    """Raise PredictorError unless both sets hold the same number of environments, and complete windows of each."""
+    if isinstance(train, Truth) or isinstance(validation, Truth):
+        raise PredictorError(
+            "Training and validation sets are sequences of Truth, one for each environment: give [truth]."
+        )
+    if not train or len(train) != len(validation):
+        raise PredictorError(
+            f"The training set has {len(train)} environments and the validation set {len(validation)}: give at "
+            "least one, and the same ones for both."
+        )
+    for name, truths in (("training", train), ("validation", validation)):
+        for place, truth in enumerate(truths):
+            if not len(truth.future):
+                raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
+            if not np.isclose(truth.observation.dt, train[0].observation.dt, rtol=1e-3):
+                raise PredictorError(
+                    f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
+                    f"the training set {train[0].observation.dt:.3g} s: resample them."
+                )
+            if not truth.known.all():
+                raise PredictorError(
+                    f"Environment {place} of the {name} set has future steps that are not known: give complete windows."
+                )

@@ -1,0 +1,88 @@
+"""Trained weights: the time step that they need, and what is said where there are none."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import motion_gym as mg
+from motion_gym.checks.predictor_trials import synthetic
+from motion_gym.contract import PredictorError
+from motion_gym.training.weight_files import SHIPPED
+
+PAIRS = synthetic((2,) * 4, 3, 0)
+TRAINED = [
+    "erm",
+    "erm_no_sigma:weights=original/eth",
+    "style_erm",
+    "modular",
+    "modular_stgat",
+    "ego_erm",
+    "ego_modular",
+]
+IN_SECONDS = ["constant_velocity", "constant_velocity:velocity=4", "kalman_velocity", "stand_still"]
+
+
+def at(dt):
+    """The same history with another time step."""
+    return dataclasses.replace(PAIRS.observation, dt=dt)
+
+
+@pytest.mark.parametrize("spec", TRAINED)
+def test_weights_of_another_time_step_are_refused(spec):
+    made = mg.predictor(spec)
+    assert np.isfinite(made.predict(at(0.4)).positions).all()
+    # As of frame rates that are not exact.
+    assert np.isfinite(made.predict(at(0.40001)).positions).all()
+    for dt in (0.1, 0.48):
+        with pytest.raises(PredictorError, match=rf"trained on time steps of 0.4 s, .* steps of {dt} s: resample"):
+            made.predict(at(dt))
+
+
+@pytest.mark.parametrize("spec", ["erm_no_sigma:weights=original/eth", "modular_invariant"])
+@pytest.mark.parametrize("name", ["none", "finetune", "kalman", "hedge", "ekf"])
+def test_adapters_pass_the_refusal_on(name, spec):
+    made = mg.adapter(name, spec)
+    with pytest.raises(PredictorError, match=r"trained on time steps of 0.4 s"):
+        made.predict(at(0.1))
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.4])
+def test_linear_remembers_the_time_step_that_it_was_fitted_to(dt):
+    slow = dataclasses.replace(PAIRS, observation=at(dt))
+    made = mg.predictor("linear").fit([slow])
+    made.predict(at(dt))
+    with pytest.raises(PredictorError, match=rf"fitted to time steps of {dt} s, .* steps of 0.2 s"):
+        made.predict(at(0.2))
+    with pytest.raises(PredictorError, match=r"time steps of \[0.2, 0.4\] s at once"):
+        mg.predictor("linear").fit([PAIRS, dataclasses.replace(PAIRS, observation=at(0.2))])
+
+
+@pytest.mark.parametrize("spec", IN_SECONDS)
+@pytest.mark.parametrize("dt", [0.04, 0.1, 1.0])
+def test_predictors_that_compute_in_seconds_work_at_any_time_step(spec, dt):
+    assert np.isfinite(mg.predictor(spec).predict(at(dt)).positions).all()
+
+
+def test_a_card_says_the_time_step_of_the_training(tmp_path):
+    fast = [dataclasses.replace(PAIRS, observation=at(0.1))]
+    made = mg.predictor("style_erm").fit(fast, fast, 0, epochs=(1,), scenes=4)
+    assert made.card["dt"] == 0.1
+    made.save(tmp_path / "fast.safetensors")
+    again = mg.predictor("style_erm", weights=tmp_path / "fast.safetensors")
+    again.predict(at(0.1))
+    with pytest.raises(PredictorError, match=r"trained on time steps of 0.1 s"):
+        again.predict(at(0.4))
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED.rglob("*.json")), ids=lambda path: str(path.relative_to(SHIPPED)))
+def test_shipped_cards_say_their_time_step(path: Path):
+    assert json.loads(path.read_text())["dt"] == 0.4
+
+
+def test_what_has_no_weights_is_not_fitted_and_not_trained_on_the_side():
+    assert mg.predictor("invariant").fitted and not mg.predictor("invariant:penalty=0.125").fitted
+    with pytest.raises(PredictorError, match=r"Train it: motion-gym train invariant:penalty=0\.125"):
+        mg.evaluate("invariant:penalty=0.125", "orca:scenes=20")

@@ -1,0 +1,74 @@
+"""README and docs are true: their tables come from the stored runs, their code runs, and what they link to exists."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from motion_gym.benchmarks import pages, running
+from motion_gym.benchmarks.objects import BASELINE
+from motion_gym.benchmarks.store import SHIPPED
+from motion_gym.cli.claims import claims_page
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
+PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
+LINKS = [(page, link) for page in PAGES for link in sorted(set(re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text())))]
+
+
+def stored(name):
+    """The shipped runs of a benchmark; nothing is computed."""
+    benchmark = running.benchmark(name)
+    results = running.run(benchmark, only=[BASELINE] if benchmark.parts or benchmark.shifts else [])
+    assert not results.missing
+    return results
+
+
+def code(page, language):
+    """The first code block of a language on a page."""
+    return re.search(rf"```{language}\n(.*?)```", page.read_text(), re.DOTALL).group(1)
+
+
+def run(text):
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", running.BENCHMARKS)
+def test_tables_of_a_benchmark_are_made_from_the_stored_runs(name):
+    results = stored(name)
+    tables = (SHIPPED / name / "tables.md").read_text()
+    assert all(table.markdown() in tables for table in pages.everything(results))
+
+
+def test_table_of_the_readme_is_made_from_the_stored_runs():
+    shown = README.read_text().split("<!-- results: style -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
+    assert shown == "\n\n".join(table.markdown(heading=0) for table in pages.short(stored("style")))
+
+
+def test_claims_are_made_from_the_stored_runs():
+    assert (ROOT / "docs" / "claims.md").read_text() == claims_page()
+
+
+def test_readme_is_short():
+    assert len(README.read_bytes()) <= 12_000
+
+
+def test_ten_lines_run_and_beat_constant_velocity():
+    own, baseline = (
+        float(re.search(r"ADE ([\d.]+)", line).group(1)) for line in run(code(README, "python")).splitlines()
+    )
+    assert own < baseline
+
+
+def test_environments_of_the_docs_are_made(eth_ucy):
+    text = code(ROOT / "docs" / "environments.md", "python")
+    assert run(f"{text}\nprint(picture.shape, len(crowd.possible_agents))").startswith("(540, 720, 3)")
+
+
+@pytest.mark.parametrize(("page", "link"), LINKS, ids=lambda value: getattr(value, "name", value))
+def test_links_lead_somewhere(page, link):
+    assert link.startswith("https://") or (page.parent / link).exists()
