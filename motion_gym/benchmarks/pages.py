@@ -11,8 +11,8 @@ from motion_gym.benchmarks import claims, claims_page, online_tables, running, s
 from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.own_rows import comparison_tables
-from motion_gym.benchmarks.readme_claims import CLAIMS
 from motion_gym.benchmarks.running import Results
+from motion_gym.benchmarks.sentences import CLAIMS
 from motion_gym.benchmarks.store import check_one_version
 from motion_gym.benchmarks.table import Table
 from motion_gym.data.storage import write_atomic

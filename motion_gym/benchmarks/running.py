@@ -80,7 +80,8 @@ class Results:
         """The tables that ``motion-gym run`` prints, as Markdown."""
         from motion_gym.benchmarks import pages  # which needs what is defined here
 
-        return "\n\n".join(table.markdown() for table in pages.short(self))
+        missing = [f"Not shown: {row}: {reason}" for row, reason in self.missing.items()]
+        return "\n\n".join([*(table.markdown() for table in pages.short(self)), *missing])
 
 
 def benchmark(name: str | Benchmark) -> Benchmark:
@@ -138,9 +139,11 @@ def run(
         session: Name of the command, see ``identity.answered_by``; by default a new one.
         report: Called before each run with the number of runs done, of all, and what is next.
 
+    Returns:
+        The runs; rows that could not be computed are named in ``missing``, with the reason.
+
     Raises:
         SpecError: a name is not known.
-        PredictorError: a predictor of the user broke its contract.
     """
     chosen = benchmark(name)
     for wanted in shifts:

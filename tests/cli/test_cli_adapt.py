@@ -76,6 +76,19 @@ def test_a_table_with_the_source_and_constant_velocity(capsys, folder):
     assert again == out  # read from the files, times included
 
 
+def test_an_own_adapter_is_run_anew_and_shipped_rows_are_reused(capsys, folder):
+    line = f"linear --adapter tests.bias:Bias --adapter none {SHORT} --out r"
+    adapt(capsys, line)
+    paths = {json.loads(path.read_text())["row"]: path for path in (folder / "r").glob("*.json")}
+    for path in paths.values():
+        path.write_text(json.dumps({**json.loads(path.read_text()), "updates": 12345}))
+    adapt(capsys, line)
+    updates = {row: json.loads(path.read_text())["updates"] for row, path in paths.items()}
+    assert updates.pop("tests.bias:Bias") != 12345
+    assert set(updates) == {"constant_velocity", "none"} and set(updates.values()) == {12345}
+    assert not list((folder / "r").glob("*.checkpoint"))  # these are in the user's cache
+
+
 @pytest.mark.parametrize(
     ("own", "said"),
     [
