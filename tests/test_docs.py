@@ -10,7 +10,6 @@ import pytest
 from motion_gym.benchmarks import pages, running
 from motion_gym.benchmarks.objects import BASELINE
 from motion_gym.benchmarks.store import SHIPPED
-from motion_gym.cli.claims import claims_page
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
@@ -50,7 +49,7 @@ def test_table_of_the_readme_is_made_from_the_stored_runs():
 
 
 def test_claims_are_made_from_the_stored_runs():
-    assert (ROOT / "docs" / "claims.md").read_text() == claims_page()
+    assert (ROOT / "docs" / "claims.md").read_text() == pages.claims_about()
 
 
 def test_readme_is_short():
