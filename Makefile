@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 export MPLBACKEND := Agg
 
-.PHONY: demo test check results bench clean
+.PHONY: demo test test-portable check results bench clean
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt
 
@@ -30,6 +30,14 @@ demo: $(VENV)/.installed
 test: $(VENV)/.ready
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 $(ARGS)
 
+# The numerical tests under other code paths of the same libraries, as other processors take them.
+NUMERICAL := tests/metrics tests/data tests/envs tests/stepping tests/scoring tests/online tests/predictors tests/training
+test-portable: $(VENV)/.ready
+	cd $(ROOT) && for threads in 1 2; do \
+	    ATEN_CPU_CAPABILITY=default OPENBLAS_CORETYPE=Haswell NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$(VENV)/numba-generic \
+	      OMP_NUM_THREADS=$$threads $(BIN)/python -m pytest -n $$((3 - threads)) $(NUMERICAL) $(ARGS) || exit 1; \
+	  done
+
 check: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/ruff check .
 	cd $(ROOT) && $(BIN)/ruff format --check .
@@ -37,13 +45,13 @@ check: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/python -m pytest --doctest-modules motion_gym envs predictors -p no:cacheprovider
 	cd $(ROOT) && $(BIN)/python .ci/check_wheel.py
 
-# The stored runs, the tables and the figures of all benchmarks, from scratch.
+# The stored runs, the tables and the figures of all benchmarks, from scratch: about two hours on two cores.
 results: $(VENV)/.ready
 	cd $(ROOT) && for name in baselines spurious original style crowd transfer refinement pretraining online; do \
-	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results --into README.md || exit 1; \
+	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results || exit 1; \
 	  done
-	cd $(ROOT) && $(BIN)/python -c "from motion_gym.benchmarks import pages; print(pages.claims_about(), end='')" >docs/claims.md.new
-	cd $(ROOT) && mv docs/claims.md.new docs/claims.md
+	cd $(ROOT) && $(BIN)/motion-gym run style --into README.md
+	cd $(ROOT) && $(BIN)/motion-gym claims --out docs/claims.md
 
 # Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.
 bench: $(VENV)/.ready
