@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import inspect
+import os
+import platform
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,12 +58,13 @@ def train(
     plan = training_plans.training(benchmark)
     path = out / benchmark / weight_files.file_name(made.name)
     checkpoint = path.with_suffix(".checkpoint")
-    for there in (checkpoint, path):
-        if there.exists() and not resume:
-            raise SpecError(f"{there} is there already: add --resume to go on, or delete it to start again.")
+    numbers = _seeds(seeds)
     check_writable(path.parent)
     options = {**plan.options_of(made.name), **({"epochs": epochs} if epochs else {})}
-    with progress_bar() as progress:
+    with _locked(path.with_suffix(".lock")), progress_bar() as progress:
+        for existing in (checkpoint, path):
+            if existing.exists() and not resume:
+                raise SpecError(f"{existing} is there already: add --resume to go on, or delete it to start again.")
         task = progress.add_task(made.name, total=None)
 
         def report(state: Any) -> None:
@@ -68,7 +74,7 @@ def train(
 
         made.fit(
             *plan.data(),
-            _seeds(seeds),
+            numbers,
             device=device,
             checkpoint=checkpoint,
             resume=resume,
@@ -77,7 +83,7 @@ def train(
             names=plan.names(),
             **options,
         )
-    made.save(path)
+        made.save(path)
     card = made.card
     scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
     say(f"Written: {path}")
@@ -109,6 +115,41 @@ def import_weights(
     made.from_released(file).save(target)
     say(f"Written: {target} and its card. Score it:")
     say(f"  motion-gym score {predictor} --weights {target} --domain eth:alpha=8 --k 20")
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold a lock file that names this process, so that no second training writes the same weights meanwhile.
+
+    The system releases the lock of a process however that ends, so the file of a killed process locks nothing.
+
+    Raises:
+        SpecError: another process holds the lock.
+    """
+    new_folders = [folder for folder in path.parents if not folder.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "a+") as file:
+        held = False
+        with contextlib.suppress(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # The process that held the lock before deletes the file.
+            held = path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat())
+        if not held:
+            file.seek(0)
+            other = file.read() or "another process"
+            raise SpecError(
+                f"{path.with_suffix('')} is being trained by {other}: wait for it, or choose another folder with "
+                "--out. Train several seeds in one command, as --seeds 0,1."
+            )
+        file.truncate(0)
+        print(f"process {os.getpid()} on {platform.node()}", end="", file=file, flush=True)
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # something was written there
+                for folder in new_folders:
+                    folder.rmdir()
 
 
 def _seeds(text: str) -> list[int]:

@@ -552,6 +552,32 @@ def test_train_then_score(small_training, capsys):
     assert "another configuration (epochs_before: [1, 1], now [2, 1])" in other
 
 
+def test_a_second_training_of_the_same_weights_is_refused_until_the_first_ends(small_training, capsys):
+    code = """
+import sys
+from motion_gym.training import plans
+plans.trainings = lambda: {"small": plans.Training("orca:scenes=70")}
+from motion_gym.cli.main import main
+main(sys.argv[1:])
+"""
+    line = "train erm_no_sigma --benchmark small --out own"
+    lock = Path("own/small/erm_no_sigma.lock")
+    long = f"{line} --seeds 0 --epochs 9999 1 1 --every 99999"
+    with subprocess.Popen([sys.executable, "-c", code, *shlex.split(long)], stderr=subprocess.PIPE) as first:
+        try:
+            while not (lock.exists() and lock.read_text()):
+                assert first.poll() is None, first.stderr.read()
+                time.sleep(0.05)
+            message = fail(capsys, f"{line} --seeds 1").err
+            assert f"own/small/erm_no_sigma is being trained by process {first.pid} on" in message
+        finally:
+            first.kill()
+    assert lock.exists()  # a killed process leaves the file, and locks nothing
+    call(capsys, f"{line} --seeds 1")
+    assert json.loads(lock.with_suffix(".json").read_text())["seeds"] == [1]
+    assert not lock.exists()
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
