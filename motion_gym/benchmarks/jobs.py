@@ -229,7 +229,9 @@ def score_stream(row: Any, of: str, oracle: Any, arguments: str, **options: Any)
 def _played(arguments: str) -> Any:
     from motion_gym.online.streams import stream
 
-    return stream(**json.loads(arguments))
+    how = json.loads(arguments)
+    # The domains keep what they have read, and whose people they share, from one stream to the next.
+    return stream(**{**how, "domains": [domain(spec) for spec in how["domains"]]})
 
 
 def rows_of(these: Shifts) -> tuple[str, ...]:

@@ -20,17 +20,18 @@ def shared_people(shown: Sequence[Recording], scored: Sequence[Recording]) -> in
     begins later, is renumbered, or is cut otherwise is thus recognised; one that is resampled or moved is not, and
     is told by the ``world`` of its domain.
     """
-    other_rows, other_steps = (_joined([keys(r) for r in scored]) for keys in (_row_keys, _step_keys))
-    people = 0
-    for recording in shown:
-        _, person = np.unique(recording.agent, return_inverse=True)
-        for keys, others in ((_row_keys, other_rows), (_step_keys, other_steps)):
-            shared = np.isin(keys(recording), others)
-            hits = np.bincount(person.reshape(-1)[shared], minlength=0)
-            if (hits >= SHARED_ROWS).any():
-                people += int((hits >= SHARED_ROWS).sum())
-                break
-    return people
+    if not sum(len(recording.frame) for recording in scored) or not shown:
+        return 0
+    agents = [np.unique(recording.agent, return_inverse=True)[1].reshape(-1) for recording in shown]
+    first = np.cumsum([0, *(agent.max(initial=-1) + 1 for agent in agents)])
+    person = np.concatenate([agent + number for agent, number in zip(agents, first, strict=False)])
+    seen = np.zeros(first[-1], bool)
+    for keys in (_row_keys, _step_keys):
+        own, others = (np.concatenate([keys(recording) for recording in part]) for part in (shown, scored))
+        others.sort()  # np.isin takes three times as long
+        shared = (others[np.searchsorted(others, own) % len(others)] == own) & (own != 0)
+        seen |= np.bincount(person[shared], minlength=len(seen)) >= SHARED_ROWS
+    return int(seen.sum())
 
 
 def trained_on_scored(trained: Domain, scored: Domain, split: str) -> bool:
@@ -58,12 +59,6 @@ def _step_keys(recording: Recording) -> np.ndarray:
     keys = np.zeros(len(agent), np.uint64)
     keys[order[:-1]] = np.where(moves, _hashed(np.hstack([xy[:-1], xy[1:]])), np.uint64(0))
     return keys
-
-
-def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """All keys but 0, each once."""
-    keys = np.unique(np.concatenate([np.zeros(0, np.uint64), *parts]))
-    return keys[keys != 0]
 
 
 def _hashed(rows: np.ndarray) -> np.ndarray:

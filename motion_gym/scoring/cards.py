@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import resource
 import sys
 from collections.abc import Mapping, Sequence
@@ -62,7 +63,8 @@ def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) ->
                 source = catalog.domain(name)
         if source is None or (source.world != domain.world and is_shipped(source) and is_shipped(domain)):
             continue
-        if trained_on_scored(source, domain, split):
+        compare = functools.partial(trained_on_scored, source, domain, split)
+        if domain.kept(f"{name} shows people of {split}", compare):  # type: ignore[attr-defined]
             same.append(source.card.name)
     return list(dict.fromkeys(same))
 
