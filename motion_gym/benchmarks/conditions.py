@@ -9,18 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from motion_gym import catalog
+from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.table import span
 from motion_gym.contract import FUTURE, DataError
 
 Result = Mapping[str, Any]
 UNIT, DT, REPLICATES = "m", 0.4, 1000
 """What cards that do not say otherwise were made with."""
-
-
-def row_of(result: Result) -> str:
-    """Predictor without its weights and seed."""
-    name, parameters = catalog.parse_spec(result["predictor"])
-    return catalog.format_spec(name, {k: v for k, v in parameters.items() if k not in ("weights", "seed")})
 
 
 def unit_of(results: Iterable[Result]) -> str:
@@ -99,7 +94,7 @@ def selections(results: Iterable[Result]) -> list[str]:
     """How the weights of the rows were selected."""
     rows: dict[str, dict[str, None]] = {}
     for result in results:
-        rows.setdefault(result["selection"], {})[row_of(result)] = None
+        rows.setdefault(result["selection"], {})[row_name(result["predictor"])] = None
     return [f"selection, {', '.join(names)}: {text}" for text, names in rows.items()]
 
 

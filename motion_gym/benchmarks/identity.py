@@ -46,7 +46,7 @@ def windows_identity(
     """Identity of a score of windows; arguments as of ``evaluate``, the session that of ``answered_by``."""
     return {
         "kind": "windows",
-        "predictor": predictor if isinstance(predictor, str) else name_of(predictor),
+        "predictor": label_of(predictor),
         "domain": facts_of(domain).spec,
         "split": split,
         "protocol": protocol,
@@ -59,7 +59,7 @@ def windows_identity(
 
 
 def stream_identity(
-    row: str,
+    row: Any,
     predictors: Sequence[Any],
     of: str,
     stream: str,
@@ -70,15 +70,15 @@ def stream_identity(
     """Identity of an online run.
 
     Args:
-        row: Spec of the adapter, or another name for the row of a table.
-        predictors: All predictors and adapters that take part: specs or objects.
+        row: The adapter, or another name for the row of a table.
+        predictors: All predictors and adapters that take part: specs, classes or objects.
         of: Spec of the predictor that is adapted.
         stream: Name of the stream, with its arguments.
         domains: Domains that are played.
         options: Options of ``evaluate_online``.
         session: As for ``answered_by``.
     """
-    asked = {"row": row, "of": of, "stream": stream, "options": dict(sorted(options.items()))}
+    asked = {"row": label_of(row), "of": of, "stream": stream, "options": dict(sorted(options.items()))}
     return {"kind": "stream", **asked, **answered_by(predictors, domains, session)}
 
 
@@ -86,7 +86,7 @@ def answered_by(predictors: Sequence[Any], domains: Sequence[Domain], session: s
     """Versions and digests of all that takes part in a run.
 
     Args:
-        predictors: Specs or objects.
+        predictors: Specs, classes or objects.
         domains: Domains.
         session: Name of the command that is running. It is a part of the identity of runs with a predictor, an adapter
             or a domain of a user, since their code and files cannot be known: such runs are reused by the same command
@@ -164,10 +164,23 @@ def _facts_of(domain: Domain) -> Facts:
 def names_in(predictor: Any) -> list[str]:
     """Name of a predictor, and of those that it is put around."""
     if not isinstance(predictor, str):
-        return [name_of(predictor)]
+        return [label_of(predictor)]
     name, parameters = catalog.parse_spec(predictor)
     inner = parameters.get("of", AROUND.get(name))
     return [name, *(names_in(inner) if inner else [])]
+
+
+def label_of(predictor: Any) -> str:
+    """Name of a row: the spec, or the name of a class or an object."""
+    if isinstance(predictor, str):
+        return predictor
+    return predictor.__name__ if isinstance(predictor, type) else name_of(predictor)
+
+
+def row_name(spec: str) -> str:
+    """Row of a table that a spec belongs to: without its weights and seed."""
+    name, parameters = catalog.parse_spec(spec)
+    return catalog.format_spec(name, {k: v for k, v in parameters.items() if k not in ("weights", "seed")})
 
 
 def is_own(predictor: Any) -> bool:
@@ -184,9 +197,7 @@ def weights_row(row: str) -> str:
     """Row whose weights a row uses: that of the innermost predictor, as ``modular`` of ``refine:of=modular``."""
     name, parameters = catalog.parse_spec(row)
     inner = parameters.get("of", AROUND.get(name))
-    if inner:
-        return weights_row(inner)
-    return catalog.format_spec(name, {k: v for k, v in parameters.items() if k not in ("weights", "seed")})
+    return weights_row(inner) if inner else row_name(row)
 
 
 @functools.cache

@@ -6,7 +6,6 @@ import concurrent.futures
 import functools
 import json
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks import store as stores
-from motion_gym.benchmarks.identity import answered_by, canonical
+from motion_gym.benchmarks.identity import answered_by, canonical, label_of, row_name
 from motion_gym.benchmarks.objects import (
     BASELINE,
     NONE,
@@ -25,7 +24,6 @@ from motion_gym.benchmarks.objects import (
     Shifts,
     Study,
     domain,
-    row_name,
 )
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import MotionGymError
@@ -33,6 +31,8 @@ from motion_gym.data.storage import StorageError
 
 NOT_ASKED = "it was not asked for"
 """Why a row is missing that ``only`` does not name."""
+STUDY, CHOICE = "study", "choice of settings"
+"""Where studies are shown, and runs from which settings are chosen."""
 Tried = dict[str, dict[str, float]]
 """ADE in metres by row and its settings."""
 
@@ -43,13 +43,15 @@ class Job:
 
     Attributes:
         label: What they are, for people.
-        row: Row of a table.
+        where: Where they are shown: title of a table and perhaps a column, or name of the shifts and kind of stream.
+        row: Row of the table.
         place: Domains that are read; jobs of the same ones follow each other.
         identities: What determines the result of each run.
         compute: Makes the results, in JSON types; it can be pickled if it is to be called in another process.
     """
 
     label: str
+    where: tuple[str, ...]
     row: str
     place: str
     identities: Sequence[Mapping[str, Any]]
@@ -65,7 +67,8 @@ def compute_missing(
     count: int,
     report: Report,
     reasons: dict[str, str],
-) -> None:
+    missing: dict[str, str],
+) -> dict[tuple[str, ...], list[Run]]:
     """Compute the jobs that the store lacks, and write each as soon as it is done.
 
     Args:
@@ -76,6 +79,10 @@ def compute_missing(
         count: Processes.
         report: As for ``run``.
         reasons: Filled with what went wrong by question of a job.
+        missing: Filled with the rows of which a run is missing, and why.
+
+    Returns:
+        Runs of the other rows by where they are shown and the row, in the order of the jobs.
     """
     wanted = {
         _questions(job.identities): job
@@ -93,6 +100,18 @@ def compute_missing(
         if problem:
             reasons.update(dict.fromkeys(_questions(job.identities), problem))
         report(done + 1, len(order), job.label)
+    rows: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+    for job in jobs:
+        rows.setdefault((*job.where, job.row), []).extend(job.identities)
+    complete = {}
+    for key, identities in rows.items():
+        runs = [run for identity in identities if (run := kept.find(identity))]
+        if len(runs) == len(identities):
+            complete[key] = runs
+        else:
+            why = next((reasons[asked] for asked in _questions(identities) if asked in reasons), NOT_ASKED)
+            missing[f"{key[-1]} ({', '.join(key[:-1])})"] = why
+    return complete
 
 
 def _answers(
@@ -133,15 +152,10 @@ def window_jobs(chosen: Benchmark, session: str) -> Iterator[Job]:
     """Every predictor on every column."""
     for part in chosen.parts:
         for predictor, column in part.runs():
-            spec = part.domains[column]
+            spec, row = part.domains[column], row_name(predictor)
             compute = functools.partial(score_windows, predictor, spec, part.options(column))
-            yield Job(
-                f"{predictor} on {spec}",
-                row_name(predictor),
-                spec,
-                [part.identity(predictor, column, session)],
-                compute,
-            )
+            identities = [part.identity(predictor, column, session)]
+            yield Job(f"{predictor} on {spec}", (part.title,), row, spec, identities, compute)
 
 
 def score_windows(predictor: str, spec: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -163,7 +177,8 @@ def study_identity(study: Study, session: str) -> dict[str, Any]:
 def study_jobs(chosen: Benchmark, session: str) -> Iterator[Job]:
     """Every study."""
     for study in chosen.studies:
-        yield Job(study.name, study.name, "", [study_identity(study, session)], functools.partial(_study, study))
+        compute = functools.partial(_study, study)
+        yield Job(study.name, (STUDY,), study.name, "", [study_identity(study, session)], compute)
 
 
 def _study(study: Study) -> list[dict[str, Any]]:
@@ -171,16 +186,15 @@ def _study(study: Study) -> list[dict[str, Any]]:
     return [{"study": study.name, "value": json.loads(json.dumps(compute(**study.arguments), allow_nan=False))}]
 
 
-def choice_jobs(chosen: Benchmark, shifts: Sequence[str], session: str) -> Iterator[Job]:
+def choice_jobs(chosen: Benchmark, names: Sequence[str], session: str) -> Iterator[Job]:
     """Every setting of every adapter on the stream that settings are chosen on."""
-    for name in shifts or chosen.shifts:
+    for name in names:
         these = chosen.shifts[name]
         if these.chosen_on:
-            of = these.of(0, these.chosen_with)
-            specs = [(NONE, NONE), *((row, spec) for row in these.rows for spec in these.settings(row))]
-            for row, spec in specs:
-                label = f"choosing for {name}: {spec}"
-                yield _stream_job(these, row, spec, of, these.chosen_stream(), label, session)
+            of, on = these.of(0, these.chosen_with), these.chosen_stream()
+            settings = {NONE: [NONE], **{row: these.settings(row) for row in these.rows}}
+            for row, spec in ((row, spec) for row, specs in settings.items() for spec in specs):
+                yield stream_job(these, (name, CHOICE), row, spec, of, on, session)
 
 
 def stream_jobs(chosen: Benchmark, names: Sequence[str], tried: Mapping[str, Tried], session: str) -> Iterator[Job]:
@@ -189,19 +203,21 @@ def stream_jobs(chosen: Benchmark, names: Sequence[str], tried: Mapping[str, Tri
         these = chosen.shifts[name]
         for kind, row, seed in ((k, r, s) for k in these.streams for r in rows_of(these) for s in SEEDS):
             spec = best_settings(tried[name]).get(row, row)
-            label = f"{name}, {kind}: {spec}, seed {seed}"
-            yield _stream_job(these, row, spec, these.of(seed), these.played(kind, seed), label, session)
+            yield stream_job(these, (name, kind), row, spec, these.of(seed), these.played(kind, seed), session)
 
 
-def _stream_job(these: Shifts, row: str, spec: str, of: str, on: Mapping[str, Any], label: str, session: str) -> Job:
-    identity = these.identity(spec, of, on, session)
+def stream_job(
+    these: Shifts, where: tuple[str, ...], row: str, adapter: Any, of: str, on: Mapping[str, Any], session: str
+) -> Job:
+    """An adapter, a spec or a class, around a predictor on a stream."""
     arguments = json.dumps(dict(on), sort_keys=True)
-    compute = functools.partial(_stream_result, spec, of, these.oracle_of(on["seed"]), arguments)
-    return Job(label, row, arguments, [identity], compute)
+    compute = functools.partial(_stream_result, adapter, of, these.oracle_of(on["seed"]), arguments)
+    label = f"{', '.join(where)}: {label_of(adapter)}, seed {on['seed']}"
+    return Job(label, where, row, arguments, [these.identity(adapter, of, on, session)], compute)
 
 
-def _stream_result(spec: str, of: str, oracle: str | Mapping[str, str], arguments: str) -> list[dict[str, Any]]:
-    return [score_stream(spec, of, oracle, arguments)[1]]
+def _stream_result(row: Any, of: str, oracle: str | Mapping[str, str], arguments: str) -> list[dict[str, Any]]:
+    return [score_stream(row, of, oracle, arguments)[1]]
 
 
 def score_stream(row: Any, of: str, oracle: Any, arguments: str, **options: Any) -> tuple[Any, dict[str, Any]]:
@@ -222,7 +238,7 @@ def score_stream(row: Any, of: str, oracle: Any, arguments: str, **options: Any)
     else:
         predictor = catalog.predictor(BASELINE) if row == BASELINE else catalog.adapter(row, of)
     card = evaluate_online(predictor, _played(arguments), **options)
-    return card, {"row": row if isinstance(row, str) else row.__name__, "of": of, **card.as_dict()}
+    return card, {"row": label_of(row), "of": of, **card.as_dict()}
 
 
 @functools.lru_cache(maxsize=8)
@@ -242,13 +258,3 @@ def rows_of(these: Shifts) -> tuple[str, ...]:
 def best_settings(tried: Tried) -> dict[str, str]:
     """The best settings of each row."""
     return {row: min(values, key=lambda spec: values[spec]) for row, values in tried.items()}
-
-
-def reason_of(identities: Sequence[Mapping[str, Any]], reasons: Mapping[str, str]) -> str:
-    """Why runs are missing."""
-    return next((reasons[key] for key in _questions(identities) if key in reasons), NOT_ASKED)
-
-
-def processes(count: int) -> int:
-    """A number of processes; SpecError unless it is allowed."""
-    return catalog.whole_number("jobs", count, 1, 4 * (os.cpu_count() or 1))

@@ -13,6 +13,7 @@ from typing import Any
 from motion_gym import catalog
 from motion_gym.benchmarks.claims import Claim
 from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
+from motion_gym.contract import SpecError
 from motion_gym.online.streams import stream_name
 
 Report = Callable[[int, int, str], None]
@@ -86,7 +87,10 @@ class Part:
 
     def seeds_of(self, row: str) -> dict[int, str]:
         """Specs of a trained row by the seeds of its weights; SpecError if these do not ship."""
-        return {seed: seeded(row, seed, self.weights) for seed in shipped_card(self.weights, row)["seeds"]}
+        return {
+            seed: with_parameters(row, weights=self.weights, seed=seed)
+            for seed in shipped_card(self.weights, row)["seeds"]
+        }
 
 
 Found = Sequence[tuple[Part, Sequence[Mapping[str, Any]]]]
@@ -121,18 +125,17 @@ class Shifts:
 
     def of(self, seed: int, weights: str | None = None) -> str:
         """Spec of the predictor that is adapted."""
-        return seeded(self.source, seed, weights or self.weights)
+        return with_parameters(self.source, weights=weights or self.weights, seed=seed)
 
     def oracle_of(self, seed: int) -> str | dict[str, str]:
         """Specs of the oracle's predictors: one, or one for each domain."""
         if isinstance(self.oracle, str):
-            return seeded(self.oracle, seed)
-        return {place: seeded(spec, seed) for place, spec in self.oracle.items()}
+            return with_parameters(self.oracle, seed=seed)
+        return {place: with_parameters(spec, seed=seed) for place, spec in self.oracle.items()}
 
     def settings(self, row: str) -> list[str]:
         """Specs of a row with all the settings that are tried."""
-        name, parameters = catalog.parse_spec(row)
-        return [catalog.format_spec(name, {**parameters, **more}) for more in self.tried.get(name, [{}])]
+        return [with_parameters(row, **more) for more in self.tried.get(catalog.parse_spec(row)[0], [{}])]
 
     def played(self, kind: str, seed: int) -> dict[str, Any]:
         """Arguments of ``stream``."""
@@ -142,7 +145,7 @@ class Shifts:
         """Arguments of the stream on which settings are chosen."""
         return {**self.chosen_on, "kind": "sudden", "seed": 0}
 
-    def identity(self, row: str, of: str, stream: Mapping[str, Any], session: str | None = None) -> dict[str, Any]:
+    def identity(self, row: Any, of: str, stream: Mapping[str, Any], session: str | None = None) -> dict[str, Any]:
         """Identity of a run of a row around a predictor."""
         oracle = self.oracle_of(stream["seed"]) if row == ORACLE else {}
         around = [oracle] if isinstance(oracle, str) else list(oracle.values())
@@ -225,6 +228,11 @@ class Benchmark:
     drawings: Sequence[Drawing] = ()
     short: Sequence[int] | str = (0,)
 
+    def __post_init__(self) -> None:
+        titles = [part.title for part in self.parts]
+        if len(set(titles)) < len(titles):
+            raise SpecError(f"Two parts of the benchmark `{self.name}` have the same title: give each its own.")
+
     def run(self, *predictors: Any, folder: str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """Compute what is missing, and score predictors of a user on every column.
 
@@ -253,20 +261,12 @@ def name_of_stream(arguments: str) -> str:
     return stream_name(**json.loads(arguments))
 
 
-def seeded(spec: str, seed: int, weights: str | None = None) -> str:
-    """A spec with a seed, and with weights."""
+def with_parameters(spec: str, **more: Any) -> str:
+    """A spec with further parameters, such as its weights and seed."""
     name, parameters = catalog.parse_spec(spec)
-    more = {} if weights is None else {"weights": weights}
-    return catalog.format_spec(name, {**parameters, **more, "seed": seed})
+    return catalog.format_spec(name, {**parameters, **more})
 
 
 def weighted(rows: Sequence[str], weights: str) -> tuple[str, ...]:
     """Specs of rows with weights."""
-    parsed = map(catalog.parse_spec, rows)
-    return tuple(catalog.format_spec(name, {**parameters, "weights": weights}) for name, parameters in parsed)
-
-
-def row_name(spec: str) -> str:
-    """Row of a table that a spec belongs to: without its weights and seed."""
-    name, parameters = catalog.parse_spec(spec)
-    return catalog.format_spec(name, {k: v for k, v in parameters.items() if k not in ("weights", "seed")})
+    return tuple(with_parameters(row, weights=weights) for row in rows)

@@ -5,40 +5,29 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
+import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
-from motion_gym.benchmarks.jobs import Job, compute_missing, reason_of, score_stream
-from motion_gym.benchmarks.objects import (
-    BASELINE,
-    NONE,
-    SEEDS,
-    Part,
-    Shifts,
-    domain,
-    name_of_stream,
-    row_name,
-    seeded,
-)
+from motion_gym.benchmarks.identity import facts_of, label_of, row_name, shipped_card, windows_identity
+from motion_gym.benchmarks.jobs import Job, compute_missing, score_stream, stream_job
+from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part, Shifts, with_parameters
 from motion_gym.benchmarks.running import Results
-from motion_gym.benchmarks.store import Run, Store
+from motion_gym.benchmarks.store import Run
 from motion_gym.benchmarks.table import Code, Table, interval, p_text
 from motion_gym.contract import SpecError
-from motion_gym.data.domains import spec_of
 from motion_gym.metrics.bootstrap import clustered_interval, paired_difference
 from motion_gym.scoring.cards import in_json
-from motion_gym.stepping.harness import name_of, ready
+from motion_gym.stepping.harness import ready
 
 
 def add(
     results: Results,
-    kept: Store,
     predictors: Sequence[Any],
     adapters: Sequence[Any],
     of: str | None,
@@ -49,7 +38,6 @@ def add(
 
     Args:
         results: The shipped rows; runs are added.
-        kept: The store.
         predictors: Specs, classes or objects.
         adapters: Specs or classes of adapters.
         of: Predictor that the adapters are put around; by default that of each of the shifts.
@@ -63,11 +51,16 @@ def add(
         raise SpecError(
             f"{chosen.name} has no streams for an adapter: name a predictor, as --predictor my_module:Mine."
         )
-    for predictor in predictors:
-        catalog.predictor(predictor)  # says what is wrong before anything is computed
-        _add_predictor(results, kept, predictor, session, how)
-    for adapter in adapters:
-        _add_adapter(results, kept, adapter, of, session, how)
+    jobs = [job for predictor in predictors for job in _predictor_jobs(results, predictor, session)]
+    jobs += [job for adapter in adapters for job in _adapter_jobs(results, adapter, of, session)]
+    parts = {part.title: runs for part, runs in results.parts}
+    for (where, column, row), runs in compute_missing(results.kept, jobs, **{**how, "only": ()}).items():
+        if where in parts:
+            parts[where].extend(runs)
+        else:
+            results.streams[where, column, row] = runs
+        title = where if where in parts else chosen.shifts[where].title
+        results.compared.append((row, title, column, runs[0]["versus"]))
 
 
 def versions_of(predictor: Any) -> list[tuple[Any, int]]:
@@ -82,55 +75,24 @@ def versions_of(predictor: Any) -> list[tuple[Any, int]]:
         path = Path(str(weights)).expanduser()
         file = path.suffix == ".safetensors"
         card = json.loads(path.with_suffix(".json").read_bytes()) if file else shipped_card(str(weights), predictor)
-        return [(seeded(predictor, seed), 0) for seed in card["seeds"]]
+        return [(with_parameters(predictor, seed=seed), 0) for seed in card["seeds"]]
     fitted = not isinstance(predictor, (str, type)) or getattr(instance, "fitted", False)
     return [(predictor, seed) for seed in (SEEDS if hasattr(instance, "fit") and not fitted else (0,))]
 
 
-def label_of(thing: Any) -> str:
-    """Name of a row: the spec, or the name of a class or an object."""
-    return thing if isinstance(thing, str) else thing.__name__ if isinstance(thing, type) else name_of(thing)
-
-
-def _add_predictor(results: Results, kept: Store, predictor: Any, session: str, how: Mapping[str, Any]) -> None:
+def _predictor_jobs(results: Results, predictor: Any, session: str) -> Iterator[Job]:
     versions, row = versions_of(predictor), row_name(label_of(predictor))
-    jobs: dict[tuple[int, str], Job] = {}
     covered: set[str] = set()
-    for number, (part, runs) in enumerate(results.parts):
-        asked = {column: f"{facts_of(part.domain(column)).spec} {part.options(column)}" for column in part.domains}
-        if row in map(row_name, (*part.plain, *part.trained)) or set(asked.values()) <= covered:
+    for part, runs in results.parts:
+        asked = {f"{facts_of(part.domain(column)).spec} {part.options(column)}" for column in part.domains}
+        if row in map(row_name, (*part.plain, *part.trained)) or asked <= covered:
             continue  # a row that ships, or columns that an earlier part has
-        covered |= set(asked.values())
-        for column in part.domains:
-            identities = [
-                windows_identity(
-                    spec if isinstance(spec, str) else _Named(label_of(spec)),
-                    part.domain(column),
-                    seed=seed,
-                    session=session,
-                    **part.options(column),
-                )
-                for spec, seed in versions
-            ]
+        covered |= asked
+        for column, spec in part.domains.items():
+            place, options = part.domain(column), part.options(column)
+            identities = [windows_identity(v, place, seed=seed, session=session, **options) for v, seed in versions]
             compute = functools.partial(_score_column, versions, part, column, best_row(part, runs, column))
-            label = f"{row} on {part.domains[column]}"
-            jobs[number, column] = Job(label, row, part.domains[column], identities, compute)
-    compute_missing(kept, list(jobs.values()), **{**how, "only": ()})
-    for (number, column), job in jobs.items():
-        found = [kept.find(identity) for identity in job.identities]
-        if all(found):
-            part, runs = results.parts[number]
-            runs.extend(run for run in found if run)
-            results.compared.append((row, part.title, column, found[0]["versus"]))  # type: ignore[index]
-        else:
-            results.missing[f"{row} on {job.place}"] = reason_of(job.identities, how["reasons"])
-
-
-@dataclasses.dataclass(frozen=True)
-class _Named:
-    """Stands for an object or a class in an identity."""
-
-    name: str
+            yield Job(f"{row} on {spec}", (part.title, column), row, spec, identities, compute)
 
 
 _FITTED: dict[tuple[Any, ...], Any] = {}
@@ -200,55 +162,29 @@ def best_row(part: Part, runs: Sequence[Run], column: str) -> str | None:
     return first[min(errors, key=lambda row: np.mean(errors[row]))] if errors else None
 
 
-def _add_adapter(
-    results: Results, kept: Store, adapter: Any, of: str | None, session: str, how: Mapping[str, Any]
-) -> None:
+def _adapter_jobs(results: Results, adapter: Any, of: str | None, session: str) -> Iterator[Job]:
     row = label_of(adapter)
-    jobs: dict[tuple[str, str], list[Job]] = {}
     for name in results.tried:
         these = results.benchmark.shifts[name]
-        for kind in these.streams:
-            best = _best_adapter(results, these, name, kind)
-            jobs[name, kind] = [
-                _stream_job(these, adapter, of or these.of(s), these.played(kind, s), best, session) for s in SEEDS
-            ]
-    compute_missing(kept, [job for seeds in jobs.values() for job in seeds], **{**how, "only": ()})
-    for (name, kind), seeds in jobs.items():
-        identities = [job.identities[0] for job in seeds]
-        found = [kept.find(identity) for identity in identities]
-        if all(found):
-            results.streams[name, kind, row] = [run for run in found if run]
-            title = results.benchmark.shifts[name].title
-            results.compared.append((row, title, kind, found[0]["versus"]))  # type: ignore[index]
-        else:
-            results.missing[f"{row} ({name}, {kind})"] = reason_of(identities, how["reasons"])
+        for kind, seed in itertools.product(these.streams, SEEDS):
+            source, best = these.of(seed), _best_adapter(results, these, name, kind)
+            job = stream_job(these, (name, kind), row, adapter, of or source, these.played(kind, seed), session)
+            # The comparison takes further runs: the first seed stands for all.
+            compare = functools.partial(_compared_on_stream, adapter, of or source, source, best, job.place)
+            yield job if seed else dataclasses.replace(job, compute=compare)
 
 
 def _best_adapter(results: Results, these: Shifts, name: str, kind: str) -> str | None:
-    rows = [row for row in (NONE, *these.rows) if (name, kind, row) in results.streams]
-    errors = {row: np.mean([run["ade"]["mean"] for run in results.streams[name, kind, row]]) for row in rows}
-    return results.streams[name, kind, min(errors, key=lambda row: errors[row])][0]["row"] if errors else None
+    """Spec of the shipped row, no filter and no oracle, of the lowest mean ADE on a stream."""
+    rows = [results.streams[name, kind, row] for row in (NONE, *these.rows) if (name, kind, row) in results.streams]
+    best = min(rows, key=lambda runs: np.mean([run["ade"]["mean"] for run in runs]), default=None)
+    return best[0]["row"] if best else None
 
 
-def _stream_job(these: Shifts, adapter: Any, of: str, on: Mapping[str, Any], best: str | None, session: str) -> Job:
-    places = [domain(spec) for spec in dict.fromkeys(on["domains"])]
-    predictors = [adapter if isinstance(adapter, str) else _Named(label_of(adapter)), of]
-    identity = stream_identity(label_of(adapter), predictors, of, name_of_stream(json.dumps(on)), places, {}, session)
-    arguments = json.dumps(dict(on), sort_keys=True)
-    compute = functools.partial(_score_on_stream, adapter, of, these.of(on["seed"]), best, arguments, on["seed"] == 0)
-    label = f"{label_of(adapter)} on {', '.join(map(spec_of, places))}, seed {on['seed']}"
-    return Job(label, label_of(adapter), arguments, [identity], compute)
-
-
-def _score_on_stream(
-    adapter: Any, of: str, source: str, best: str | None, arguments: str, compare: bool
-) -> list[dict[str, Any]]:
-    """Result of an adapter on a stream, with its comparison on the first seed."""
+def _compared_on_stream(adapter: Any, of: str, source: str, best: str | None, arguments: str) -> list[dict[str, Any]]:
+    """Result of an adapter on a stream, with its comparison with two shipped rows."""
     card, result = score_stream(adapter, of, None, arguments)
-    if not compare:
-        return [result]
-    rows = [row for row in (BASELINE, best) if row]
-    others = {row: score_stream(row, source, None, arguments)[0].values for row in rows}
+    others = {row: score_stream(row, source, None, arguments)[0].values for row in (BASELINE, best) if row}
     return [{**result, "versus": compared(card.values, others, card.person, best)}]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,27 +13,19 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.jobs import (
+    CHOICE,
+    STUDY,
     Tried,
-    best_settings,
     choice_jobs,
     compute_missing,
-    reason_of,
     rows_of,
     stream_jobs,
-    study_identity,
     study_jobs,
     window_jobs,
 )
-from motion_gym.benchmarks.objects import (
-    NONE,
-    SEEDS,
-    Benchmark,
-    Part,
-    Report,
-    Shifts,
-    row_name,
-)
+from motion_gym.benchmarks.objects import Benchmark, Part, Report
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import SpecError
 
@@ -70,7 +63,7 @@ class Results:
     kept: Store
     parts: list[tuple[Part, list[Run]]] = field(default_factory=list)
     tried: dict[str, Tried] = field(default_factory=dict)
-    streams: dict[tuple[str, str, str], list[Run]] = field(default_factory=dict)
+    streams: dict[tuple[str, ...], list[Run]] = field(default_factory=dict)
     studies: dict[str, dict[str, Any]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
     unwritten: list[str] = field(default_factory=list)
@@ -150,74 +143,36 @@ def run(
         if wanted not in chosen.shifts:
             raise SpecError(f"{chosen.name} has no shift `{wanted}`.{catalog.suggest(wanted, chosen.shifts)}")
     _check_rows(chosen, only)
+    count = catalog.whole_number("jobs", jobs, 1, 4 * (os.cpu_count() or 1))
     session = session or secrets.token_hex(8)
     kept = Store(chosen.name, folder)
     results = Results(chosen, kept)
     reasons: dict[str, str] = {}
-    how: dict[str, Any] = {"fresh": fresh, "only": only, "count": jobs, "report": report, "reasons": reasons}
-    first = [*window_jobs(chosen, session), *study_jobs(chosen, session), *choice_jobs(chosen, shifts, session)]
-    compute_missing(kept, first, **how)
-    for part in chosen.parts:
-        results.parts.append((part, _rows_of(part, kept, session, results.missing, reasons)))
-    for study in chosen.studies:
-        stored = kept.find(study_identity(study, session))
-        if stored is not None:
-            results.studies[study.name] = stored["value"]
+    how: dict[str, Any] = {"fresh": fresh, "only": only, "count": count, "report": report}
+    how |= {"reasons": reasons, "missing": results.missing}
     names = shifts or list(chosen.shifts)
-    results.tried = {one: _tried(chosen.shifts[one], kept, session) for one in names}
-    compute_missing(kept, list(stream_jobs(chosen, names, results.tried, session)), **how)
-    _take_streams(results, kept, names, session, reasons)
+    first = [*window_jobs(chosen, session), *study_jobs(chosen, session), *choice_jobs(chosen, names, session)]
+    rows = compute_missing(kept, first, **how)
+    results.parts = [
+        (p, [run for key, runs in rows.items() if key[0] == p.title for run in runs]) for p in chosen.parts
+    ]
+    results.studies = {name: runs[0]["value"] for (where, *_, name), runs in rows.items() if where == STUDY}
+    results.tried = {
+        name: {key[2]: _ade_by_setting(runs) for key, runs in rows.items() if key[:2] == (name, CHOICE)}
+        for name in names
+    }
+    results.streams = compute_missing(kept, list(stream_jobs(chosen, names, results.tried, session)), **how)
     if predictors or adapters:
         from motion_gym.benchmarks import own_rows  # which needs what is defined here
 
-        own_rows.add(results, kept, predictors, adapters, of, session, how)
+        own_rows.add(results, predictors, adapters, of, session, how)
     results.unwritten = list(dict.fromkeys(reason for key, reason in reasons.items() if key in kept.runs))
     return results
 
 
-def _tried(these: Shifts, kept: Store, session: str) -> Tried:
-    """ADE of each row by its settings on the shift that they are chosen on, the mean over its segments."""
-    tried: Tried = {}
-    if these.chosen_on:
-        of, on = these.of(0, these.chosen_with), these.chosen_stream()
-        for row in (NONE, *these.rows):
-            for spec in [NONE] if row == NONE else these.settings(row):
-                found = kept.find(these.identity(spec, of, on, session))
-                if found is not None:
-                    ade = float(np.mean([segment["ade"]["mean"] for segment in found["segments"]]))
-                    tried.setdefault(row, {})[spec] = ade
-    return tried
-
-
-def _take_streams(
-    results: Results, kept: Store, names: Sequence[str], session: str, reasons: Mapping[str, str]
-) -> None:
-    for name in names:
-        these = results.benchmark.shifts[name]
-        for kind in these.streams:
-            for row in rows_of(these):
-                spec = best_settings(results.tried[name]).get(row, row)
-                identities = [these.identity(spec, these.of(s), these.played(kind, s), session) for s in SEEDS]
-                runs = [kept.find(identity) for identity in identities]
-                if all(runs):
-                    results.streams[name, kind, row] = [r for r in runs if r]
-                else:
-                    results.missing[f"{row} ({name}, {kind})"] = reason_of(identities, reasons)
-
-
-def _rows_of(part: Part, kept: Store, session: str, missing: dict[str, str], reasons: Mapping[str, str]) -> list[Run]:
-    """Runs of the rows all of whose columns are there."""
-    by_row: dict[str, list[Any]] = {}
-    for predictor, column in part.runs():
-        by_row.setdefault(row_name(predictor), []).append(part.identity(predictor, column, session))
-    runs: list[Run] = []
-    for row, identities in by_row.items():
-        found = [kept.find(identity) for identity in identities]
-        if all(found):
-            runs += [r for r in found if r]
-        else:
-            missing[f"{row} ({part.title})"] = reason_of(identities, reasons)
-    return runs
+def _ade_by_setting(runs: Sequence[Run]) -> dict[str, float]:
+    """ADE by settings on the shift that they are chosen on, the mean over its segments."""
+    return {run["row"]: float(np.mean([segment["ade"]["mean"] for segment in run["segments"]])) for run in runs}
 
 
 def _check_rows(chosen: Benchmark, only: Sequence[str]) -> None:

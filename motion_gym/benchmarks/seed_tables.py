@@ -14,11 +14,11 @@ from motion_gym.benchmarks.conditions import (
     leaks,
     measured,
     not_computed,
-    row_of,
     scored,
     selections,
     unit_of,
 )
+from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.table import Code, Strong, Table, number, pair, spread
 
 if TYPE_CHECKING:
@@ -35,7 +35,9 @@ def over_seeds(part: Part, results: Sequence[Result], metric: str = "ADE") -> Er
     """Values of the seeds by row and column, the pooled columns included."""
     values: dict[tuple[str, str], list[float]] = {}
     for result in in_order(results):
-        values.setdefault((row_of(result), part.column_of(result)), []).append(result["metrics"][metric]["mean"])
+        values.setdefault((row_name(result["predictor"]), part.column_of(result)), []).append(
+            result["metrics"][metric]["mean"]
+        )
     for row in dict.fromkeys(row for row, _ in values):
         for name, columns in part.pooled.items():
             if all((row, column) in values for column in columns):

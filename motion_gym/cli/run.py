@@ -60,7 +60,6 @@ def run(
     from motion_gym.benchmarks import pages
 
     chosen = running.benchmark(benchmark)
-    count = run_jobs.processes(jobs)
     folder = (out or FOLDER) / chosen.name
     if into is not None:
         marked_block.check_markers(into, chosen.name)
@@ -77,7 +76,7 @@ def run(
             shifts=shift,
             fresh=fresh,
             only=only,
-            jobs=count,
+            jobs=jobs,
             session=session,
             report=reporter(progress, benchmark),
         )
