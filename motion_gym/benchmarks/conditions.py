@@ -42,13 +42,17 @@ def version_of(results: Iterable[Result]) -> int:
     Raises:
         DataError: the results are of several versions, so that their numbers cannot be compared.
     """
-    versions = {int(result.get("identity", {}).get("scoring_version", 1)) for result in results} or {1}
-    if len(versions) > 1:
+    names: dict[int, str] = {}
+    for result in results:
+        version = result.get("identity", {}).get("scoring_version", 1)
+        names.setdefault(version, str(result.get("row", result["predictor"])))
+    if len(names) > 1:
+        examples = " and ".join(f"{version} (as {name})" for version, name in sorted(names.items()))
         raise DataError(
-            f"A table cannot mix results of the scoring versions {' and '.join(map(str, sorted(versions)))}: their "
-            "numbers mean different things. Make the results of one version again."
+            f"A table cannot mix results of the scoring versions {examples}: their numbers mean different things. Make "
+            "the results of one version again (`motion-gym run NAME` does it), or keep them in a folder of their own."
         )
-    return versions.pop()
+    return next(iter(names), 1)
 
 
 def measured(results: Sequence[Result]) -> str:

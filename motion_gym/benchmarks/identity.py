@@ -140,9 +140,7 @@ class Facts:
 
 def facts_of(domain: Domain) -> Facts:
     """What the identity of a run holds of a domain; found once for each object."""
-    kept = getattr(domain, "kept", None)
-    find = functools.partial(_facts_of, domain)
-    return kept("facts for the store", find) if callable(kept) else find()  # type: ignore[no-any-return]
+    return domain.kept("facts for the store", functools.partial(_facts_of, domain))  # type: ignore[attr-defined, no-any-return]
 
 
 def _facts_of(domain: Domain) -> Facts:

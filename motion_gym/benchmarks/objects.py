@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -265,6 +266,11 @@ def with_parameters(spec: str, **more: Any) -> str:
     """A spec with further parameters, such as its weights and seed."""
     name, parameters = catalog.parse_spec(spec)
     return catalog.format_spec(name, {**parameters, **more})
+
+
+def takes_weights(spec: str) -> bool:
+    """Whether a predictor has weights."""
+    return "weights" in inspect.signature(type(catalog.predictor(spec))).parameters
 
 
 def weighted(rows: Sequence[str], weights: str) -> tuple[str, ...]:

@@ -8,19 +8,19 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks import claims, claims_page, online_tables, running, seed_tables
+from motion_gym.benchmarks.conditions import version_of
 from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.own_rows import comparison_tables
 from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.sentences import CLAIMS
-from motion_gym.benchmarks.store import check_one_version
 from motion_gym.benchmarks.table import Table
 from motion_gym.data.storage import write_atomic
 
 
 def short(results: Results) -> list[Table]:
     """The tables that ``motion-gym run`` prints."""
-    check_one_version(every_run(results))
+    version_of(every_run(results))
     chosen = results.benchmark.short
     if isinstance(chosen, str):
         tables = [_function(chosen)([(part, runs) for part, runs in results.parts if runs])]
@@ -41,7 +41,7 @@ def short(results: Results) -> list[Table]:
 def everything(results: Results) -> list[Table]:
     """All tables: of the parts, of claims and studies, and of streams."""
     results.kept.with_curves()
-    check_one_version(every_run(results))
+    version_of(every_run(results))
     parts = [(part, runs) for part, runs in results.parts if runs]
     by_part = [seed_tables.part_tables(part, runs) for part, runs in parts]
     tables = [table for group in by_part[:1] for table in group]

@@ -57,10 +57,11 @@ KEYS: Mapping[str, Mapping[str, Any]] = {
 
 def problem_of(content: Any) -> str:
     """What keeps something from being a run; empty if nothing does."""
+    schema = content.get("schema", SCHEMA) if isinstance(content, dict) else SCHEMA
+    if schema != SCHEMA:
+        return f"of another version of motion-gym: its schema is {schema!r}, and {SCHEMA} is read"
     if not isinstance(content, dict) or not isinstance(content.get("identity"), dict):
         return "it is not a result of motion-gym"
-    if content.get("schema") != SCHEMA:
-        return f"its schema is {content.get('schema')!r}, and {SCHEMA} is read"
     kind = content["identity"].get("kind")
     return _mismatch(content, KEYS[kind], "") if kind in KEYS else f"its kind is {kind!r}"
 

@@ -165,42 +165,19 @@ def read_packed(path: Path) -> tuple[Run, ...]:
 
 def read_folder(folder: Path) -> list[Run]:
     """Runs of the small files in a folder; files that are no runs of this schema are named in a warning, not read."""
-    runs, problems, older = [], [], []
+    runs, problems = [], []
     for path in sorted(folder.glob("*.json")):
         try:
             content = json.loads(path.read_bytes(), parse_constant=_refuse)
         except (OSError, ValueError, RecursionError) as error:
             problems.append(f"{path.name} ({error})")
             continue
-        if isinstance(content, dict) and content.get("schema") in (1, 2, "online-1"):
-            older.append(path.name)
-        elif problem := problem_of(content):
+        if problem := problem_of(content):
             problems.append(f"{path.name} ({problem})")
         else:
             runs.append(content)
     _warn(folder, problems, "files")
-    if older:
-        _warn(folder, [f"{name} (of an older version of motion-gym)" for name in older], "files")
     return runs
-
-
-def check_one_version(runs: Iterable[Mapping[str, Any]]) -> int:
-    """The version by which all runs were scored.
-
-    Raises:
-        DataError: they were scored by several, and cannot stand in one table.
-    """
-    by_version: dict[int, str] = {}
-    for run in runs:
-        identity = run["identity"]
-        by_version.setdefault(identity["scoring_version"], path_of(Path(), identity).stem)
-    if len(by_version) > 1:
-        named = "; ".join(f"version {version}, as {name}" for version, name in sorted(by_version.items()))
-        raise DataError(
-            f"Runs that were scored by several versions cannot stand in one table: {named}. Score the older ones "
-            "again (`motion-gym run NAME` does it), or keep them in a folder of their own."
-        )
-    return next(iter(by_version), 0)
 
 
 def begin(folder: Path | None, arguments: Sequence[str], resume: bool) -> tuple[str, bool]:

@@ -6,7 +6,6 @@ are in the unit of the domain, positions [agents, steps, 2] in world coordinates
 
 from __future__ import annotations
 
-import inspect
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.benchmarks.identity import shipped_card
+from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.contract import FUTURE, Domain, SpecError, Truth
 from motion_gym.data.domains import spec_of, training_set
 from motion_gym.data.windows import pick_scenes
@@ -51,8 +52,8 @@ def by_references(rows: Sequence[str], weights: str, domains: Mapping[str, str])
         domain = catalog.domain(spec)
         truth, reference = domain.windows("test"), domain.reference()
         for row in rows:
-            seeds = _seeds_of(row, weights)
-            predictors: list[Any] = [ready(_weighted(row, weights, seed), domain) for seed in seeds]
+            seeds = list(shipped_card(weights, row)["seeds"])
+            predictors: list[Any] = [ready(with_parameters(row, weights=weights, seed=seed), domain) for seed in seeds]
             ade.setdefault(name, {})[row] = [
                 [_error_after(p, reference, count, seed, truth) for p, seed in zip(predictors, seeds, strict=True)]
                 for count in COUNTS
@@ -119,7 +120,7 @@ def one_scene(place: str, alphas: Sequence[float], rows: Sequence[str], weights:
         domain = catalog.domain(place, alpha=alpha)
         scene = pick_scenes(domain.windows("test"), [number])
         for row in rows:
-            predictor = ready(_weighted(row, weights), domain)
+            predictor = ready(with_parameters(row, weights=weights) if takes_weights(row) else row, domain)
             forecast = ask(predictor, scene.observation).most_likely()
             panels.setdefault(f"alpha = {alpha:g}", {})[row] = _rounded(forecast)
     return {**_drawn(pick_scenes(truth, [number])), "panels": panels, **_measure(domain.card)}
@@ -143,7 +144,7 @@ def two_agents(row: str, weights: str, right: str, wrong: str) -> Study:
     """
     domain = catalog.domain(right)
     truth = domain.windows("test")
-    of = _weighted(row, weights, _seeds_of(row, weights)[0])
+    of = with_parameters(row, weights=weights, seed=shipped_card(weights, row)["seeds"][0])
 
     def forecast(style: str, steps: int, scenes: Truth) -> np.ndarray:
         predictor: Any = catalog.predictor("refine", of=of, steps=steps)
@@ -161,22 +162,6 @@ def two_agents(row: str, weights: str, right: str, wrong: str) -> Study:
         for style in (right, wrong)
     }
     return {**_drawn(scene), "panels": panels, **_measure(domain.card)}
-
-
-def _seeds_of(row: str, weights: str) -> list[int]:
-    """Seeds of the shipped weights of a row."""
-    from motion_gym.training.weight_files import locate, read
-
-    name = getattr(catalog.predictor(row), "weights_name", row)
-    return list(read(locate(weights, name))[1]["seeds"])
-
-
-def _weighted(row: str, weights: str, seed: int | None = None) -> str:
-    """The spec of a row with weights where it takes some, and with their seed."""
-    name, parameters = catalog.parse_spec(row)
-    takes = "weights" in inspect.signature(type(catalog.predictor(row))).parameters
-    more: dict[str, Any] = {"weights": weights} if takes else {}
-    return catalog.format_spec(name, {**parameters, **more, **({} if seed is None else {"seed": seed})})
 
 
 def _ade(predictor: Any, truth: Truth) -> float:

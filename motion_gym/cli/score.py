@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -12,6 +11,7 @@ from rich.markup import escape
 from motion_gym import catalog
 from motion_gym.benchmarks import score_tables, store
 from motion_gym.benchmarks.identity import windows_identity
+from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.cli.output import Out, console, progress_bar, say, session_of
 from motion_gym.contract import Domain, PredictorError, SpecError
 from motion_gym.data.domains import spec_of
@@ -113,15 +113,9 @@ def _variants(place: Domain, protocol: str) -> list[Domain]:
 
 def _with_weights(predictors: Sequence[str], weights: str) -> list[str]:
     """The specs, with weights where the predictor has some; SpecError if none has."""
-    specs, any_of_them = [], False
-    for spec in predictors:
-        name, parameters = catalog.parse_spec(spec)
-        takes = "weights" in inspect.signature(type(catalog.predictor(spec))).parameters
-        any_of_them |= takes
-        specs.append(catalog.format_spec(name, {**parameters, "weights": weights}) if takes else spec)
-    if not any_of_them:
+    if not any(map(takes_weights, predictors)):
         raise SpecError(f"`--weights {weights}`: none of {', '.join(predictors)} has weights.")
-    return specs
+    return [with_parameters(spec, weights=weights) if takes_weights(spec) else spec for spec in predictors]
 
 
 def _between(predictors: Sequence[str], place: Domain) -> list[str]:

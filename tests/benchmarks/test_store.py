@@ -14,7 +14,7 @@ import pytest
 import motion_gym
 from motion_gym.benchmarks import store as stores
 from motion_gym.benchmarks.identity import windows_identity
-from motion_gym.benchmarks.store import Store, check_one_version, problem_of, read_folder
+from motion_gym.benchmarks.store import Store, problem_of, read_folder
 from motion_gym.contract import DataError
 from motion_gym.scoring.evaluation import evaluate
 
@@ -151,7 +151,7 @@ def python(code, *arguments, cwd):
         ("[]", "not a result of motion-gym"),
         ('{"schema": 3, "identity": {"kind": "windows"}}', "it has no `identity.scoring_version`"),
         ('{"schema": 9, "identity": {"kind": "windows"}}', "its schema is 9"),
-        ('{"schema": 2, "predictor": "linear"}', "of an older version of motion-gym"),
+        ('{"schema": 2, "predictor": "linear"}', "of another version of motion-gym: its schema is 2"),
         ("NaN", "NaN is not JSON"),
     ],
 )
@@ -183,15 +183,6 @@ def test_hidden_files_of_other_systems_are_no_runs(tmp_path):
     (tmp_path / "._x.json").write_bytes(b"\x00\x05\x16\x07")
     with pytest.warns(RuntimeWarning, match=r"\._x\.json"):
         assert len(read_folder(tmp_path)) == 1
-
-
-def test_runs_of_several_scoring_versions_are_refused(tmp_path):
-    kept = Store(None, tmp_path)
-    one, other = scored(kept), scored(kept, "constant_velocity")
-    assert check_one_version([one, other]) == 1
-    other = {**other, "identity": {**other["identity"], "scoring_version": 2}}
-    with pytest.raises(DataError, match=r"version 1, as stand_still.*version 2, as constant_velocity"):
-        check_one_version([one, other])
 
 
 def test_packed_runs_are_the_same_and_their_small_files_go(tmp_path):
