@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,7 +108,7 @@ def over_time(panels: Mapping[str, Mapping[str, Sequence[Result]]], path: Path, 
 def one_scene(study: Study, path: Path) -> None:
     """One scene forecast by several predictors, a panel for each alpha; see ``studies.one_scene``."""
     rows = list(next(iter(study["panels"].values())))
-    _scene_panels(study, path, dict(zip(rows, _colors("tab10"), strict=False)))
+    _scene_panels(study, path, dict(zip(rows, itertools.cycle(_colors("tab10")), strict=False)))
 
 
 def two_agents(study: Study, path: Path) -> None:
@@ -120,7 +121,8 @@ def two_agents(study: Study, path: Path) -> None:
 def _scene_panels(study: Study, path: Path, colors: Mapping[str, Any]) -> None:
     """A scene in several panels, in each with forecasts of its own, a colour for each name."""
     history, future = np.array(study["history"]), np.array(study["future"])
-    width, height = np.ptp(np.concatenate([history, future], axis=1).reshape(-1, 2), axis=0)
+    points = np.concatenate([history, future], axis=1).reshape(-1, 2)
+    width, height = np.nanmax(points, axis=0) - np.nanmin(points, axis=0)
     across = len(study["panels"]) if height > width else 1
     figure = Figure(figsize=(10, 5 if across > 1 else 2.7 * len(study["panels"])), layout="constrained")
     panels = figure.subplots(len(study["panels"]) // across, across, sharex=True, sharey=True, squeeze=False).ravel()
@@ -182,5 +184,5 @@ def _write(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     # Without the date and with ids that are not random, so that the same results give the same file.
     with matplotlib.rc_context({"svg.hashsalt": "motion_gym"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        figure.savefig(buffer, format=path.suffix[1:], metadata={"Date": None} if path.suffix == ".svg" else None)
     write_atomic(path, buffer.getvalue())

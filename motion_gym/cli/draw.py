@@ -15,8 +15,6 @@ from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.harness import ask, ready, windows_of_domain
 
 FORMATS = (".svg", ".png", ".pdf")
-COLORS = ("#dd6b20", "#2f855a", "#805ad5", "#b83280", "#2b6cb0")
-"""One for each predictor, in turn."""
 
 
 def draw(
@@ -41,29 +39,18 @@ def draw(
     windows = windows_of_domain(place, split)
     scene = catalog.whole_number("scene", scene, 0, windows.observation.scenes - 1)
     truth = pick_scenes(windows, [scene])
-    forecasts = {name: ask(ready(name, place), truth.observation).most_likely() for name in predictor}
+    from motion_gym.benchmarks import figures  # matplotlib takes half a second
 
-    from matplotlib.figure import Figure  # takes half a second
-
-    figure = Figure(figsize=(7, 6), layout="constrained")
-    axes = figure.subplots()
-    last = truth.observation.xy[:, -1:]
-    for agent, (history, future, known) in enumerate(zip(truth.observation.xy, truth.future, truth.known, strict=True)):
-        path = np.concatenate([history[-1:], future[known]])
-        labels = (None, None) if agent else ("history", "ground truth")
-        axes.plot(*history.T, color="0.55", linewidth=2.5, solid_capstyle="round", label=labels[0])
-        axes.plot(*history[-1], "o", color="0.55", markersize=5)
-        axes.plot(*path.T, color="black", linewidth=1.8, label=labels[1])
-    for number, (name, positions) in enumerate(forecasts.items()):
-        color = COLORS[number % len(COLORS)]
-        for agent, path in enumerate(np.concatenate([last, positions], axis=1)):
-            axes.plot(*path.T, "--", color=color, linewidth=1.6, label=None if agent else name)
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel(f"x [{place.card.unit}]")
-    axes.set_ylabel(f"y [{place.card.unit}]")
-    axes.grid(color="0.92")
-    axes.spines[["top", "right"]].set_visible(False)
-    figure.legend(loc="outside upper center", ncols=2 + len(forecasts), frameon=False)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
+    unknown_left_out = np.where(truth.known[..., None], truth.future, np.nan)
+    scene_drawn = {
+        "history": truth.observation.xy,
+        "future": unknown_left_out,
+        "panels": {
+            f"{domain}, scene {scene}": {
+                name: ask(ready(name, place), truth.observation).most_likely() for name in predictor
+            }
+        },
+        "unit": place.card.unit,
+    }
+    figures.one_scene(scene_drawn, out)
     say(f"Written: {out}")

@@ -524,6 +524,20 @@ def test_help_names_every_command_and_option(capsys):
         assert [word for word in words if word not in out] == []
 
 
+@pytest.mark.parametrize("file", ["scene.svg", "folder/scene.png", "scene.pdf"])
+def test_a_scene_is_drawn_with_forecasts(capsys, file):
+    rows = (
+        " ".join(f"--predictor constant_velocity:velocity={n}" for n in (1, 2, 3, 4, 5, 6, 7)) if "svg" in file else ""
+    )
+    line = f"draw orca:scenes=40 {rows} --predictor linear --scene 3 --out {file}"
+    assert f"Written: {file}" in call(capsys, line)
+    content = Path(file).read_bytes()
+    assert content.startswith({".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}[Path(file).suffix])
+    if file == "scene.svg":  # the same command gives the same file
+        call(capsys, line)
+        assert Path(file).read_bytes() == content
+
+
 @pytest.fixture
 def small_training(monkeypatch):
     """A benchmark that is trained for in seconds, on simulated crowds."""
