@@ -143,10 +143,10 @@ def facts_of(domain: Domain) -> Facts:
     return domain.kept("facts for the store", functools.partial(_facts_of, domain))  # type: ignore[attr-defined, no-any-return]
 
 
-def _facts_of(domain: Domain) -> Facts:
+def _facts_of(domain: Any) -> Facts:
     card, kind = domain.card, type(domain)
     data: dict[str, str] = {}
-    for place in (domain, *(domain.sources() if hasattr(domain, "sources") else ())):
+    for place in (domain, *domain.sources()):
         data |= place.card.files
         engine = getattr(type(place), "engine", None)
         data |= {f"engine of {place.card.name}": str(engine)} if engine is not None else {}

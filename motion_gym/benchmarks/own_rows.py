@@ -104,7 +104,7 @@ def _ready(spec: Any, place: Any, seed: int) -> Any:
     instance = catalog.predictor(spec)
     if not isinstance(spec, (str, type)) or not hasattr(instance, "fit") or getattr(instance, "fitted", False):
         return spec
-    key = (spec, seed, *(facts_of(source).spec for source in (place.sources() if hasattr(place, "sources") else ())))
+    key = (spec, seed, *(facts_of(source).spec for source in place.sources()))
     if key not in _FITTED:
         _FITTED[key] = ready(spec, place, seed)  # type: ignore[arg-type]
     return copy.deepcopy(_FITTED[key])

@@ -46,10 +46,12 @@ class Store:
     """
 
     def __init__(self, name: str | None, folder: Path | None = None, shipped: Path = SHIPPED):
-        self.name, self.folder, self.shipped = name, folder, shipped
+        self.name, self.folder = name, folder
         self.runs: dict[str, Run] = {}
         """Runs by their question."""
-        for place in dict.fromkeys([shipped, *([folder.parent] if folder else [])]):
+        self.places = list(dict.fromkeys([shipped, *([folder.parent] if folder else [])]))
+        """Folders of packed files."""
+        for place in self.places:
             if name is not None and (packed := place / f"{name}.jsonl.xz").is_file():
                 self.take(read_packed(packed))
         if folder is not None and folder.is_dir():
@@ -80,7 +82,7 @@ class Store:
 
     def with_curves(self) -> None:
         """Read the curves of packed online runs as well."""
-        for place in dict.fromkeys([self.shipped, *([self.folder.parent] if self.folder else [])]):
+        for place in self.places:
             for line in _lines(place / f"{self.name}-curves.jsonl.xz"):
                 run = self.runs.get(line.pop("question"))
                 if run is not None and run["provenance"]["finished"] == line.pop("finished"):

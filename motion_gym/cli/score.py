@@ -106,9 +106,9 @@ def _score(
 
 def _variants(place: Domain, protocol: str) -> list[Domain]:
     """The domain, and under the honest protocol also the one in which agents that are alone count."""
-    if protocol != "honest" or place.card.parameters.get("min_agents", 1) == 1 or not hasattr(place, "replace"):
+    if protocol != "honest" or place.card.parameters.get("min_agents", 1) == 1:
         return [place]
-    return [place, place.replace(min_agents=1)]
+    return [place, place.replace(min_agents=1)]  # type: ignore[attr-defined]
 
 
 def _with_weights(predictors: Sequence[str], weights: str) -> list[str]:

@@ -526,10 +526,10 @@ def test_help_names_every_command_and_option(capsys):
 
 @pytest.mark.parametrize("file", ["scene.svg", "folder/scene.png", "scene.pdf"])
 def test_a_scene_is_drawn_with_forecasts(capsys, file):
-    rows = (
-        " ".join(f"--predictor constant_velocity:velocity={n}" for n in (1, 2, 3, 4, 5, 6, 7)) if "svg" in file else ""
-    )
-    line = f"draw orca:scenes=40 {rows} --predictor linear --scene 3 --out {file}"
+    many = [f"constant_velocity:velocity={n}" for n in range(1, 8)] if file == "scene.svg" else []
+    predictors = [*many, "linear", "stand_still", "kalman_velocity", "constant_velocity"]
+    rows = " ".join(f"--predictor {predictor}" for predictor in predictors)
+    line = f"draw orca:scenes=40 {rows} --scene 3 --out {file}"
     assert f"Written: {file}" in call(capsys, line)
     content = Path(file).read_bytes()
     assert content.startswith({".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}[Path(file).suffix])
