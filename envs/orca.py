@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import WINDOW, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.storage import cached_arrays
 from motion_gym.envs.orca_engine.simulation import ENGINE_VERSION, simulate
+from motion_gym.specs import number, whole_number
 
 STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
 """Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""
@@ -99,20 +98,18 @@ class Orca(RecordedDomain):
         seed: int = 0,
         scenes: int | None = None,
     ):
-        for key, value, most in (
-            ("d", d, 10),
-            ("radius", radius, 100),
-            ("horizon", horizon, 100),
-            ("speed", speed, 10),
-        ):
-            if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value <= most:
-                raise SpecError(f"`{key}={value}` of domain `orca` must be a number above 0, and at most {most}.")
-            if value < LEAST:
-                raise SpecError(f"`{key}={value}` of domain `orca` is too small to simulate: give {LEAST} or more.")
+        self.d, self.radius, self.horizon, self.speed = (
+            number(name, value, LEAST, most, owner="domain `orca`")
+            for name, value, most in (
+                ("d", d, 10),
+                ("radius", radius, 100),
+                ("horizon", horizon, 100),
+                ("speed", speed, 10),
+            )
+        )
         self.agents = whole_number("agents", agents, 2, 20)
         self.seed = whole_number("seed", seed, 0, 2**63)
         self.scenes = None if scenes is None else whole_number("scenes", scenes, 1, 1_000_000)
-        self.d, self.radius, self.horizon, self.speed = float(d), float(radius), float(horizon), float(speed)
 
     def recordings(self, split: str) -> list[Recording]:
         """One recording: the scenes of the split one after another, 20 frames each, agents numbered through."""

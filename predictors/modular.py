@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
+from motion_gym.contract import FUTURE, Forecast, Observation, Truth
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.last_layer import LastLayer, with_one
 from motion_gym.predictors.networks.pair_network import AGENTS, CODE, Pairs
 from motion_gym.predictors.settings import number, setting
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.objectives import Erm, Irm, Objective
-from motion_gym.predictors.training.style_training import PLAIN, Schedule, StyleProgram
+from motion_gym.predictors.training.style_training import PLAIN, StyleProgram
 from motion_gym.predictors.training.transfer_training import PARTS
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.training.program import Weights
@@ -42,6 +42,7 @@ class StyleErm(Weighted):
     shipped: ClassVar[str] = "style"
     agents_per_scene: ClassVar[int] = AGENTS
     """Scenes of another number of agents cannot be forecast or learned from."""
+    program: ClassVar[type[StyleProgram]] = StyleProgram
     epochs: ClassVar[tuple[int, ...]] = (100,)
     """Of the stages, as in the released program."""
     expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)
@@ -60,41 +61,6 @@ class StyleErm(Weighted):
     def check(self, tensors: Weights, source: str) -> None:
         """Raise PredictorError unless these are weights [M, ...] of this predictor."""
         check_shapes(tensors, self.expected, source)
-
-    def program(
-        self,
-        train: Sequence[Truth],
-        validation: Sequence[Truth],
-        *,
-        device: torch.device,
-        epochs: Sequence[int] | None = None,
-        scenes: int = 64,
-        most: int | None = 9000,
-        style_weight: float = 1.0,
-        negatives_only: bool = False,
-    ) -> StyleProgram:
-        """The training program.
-
-        Args:
-            train: Windows of each environment, of two agents each.
-            validation: Windows that weights are selected on, of the same environments in the same order.
-            device: Where to train.
-            epochs: Of the stages; by default those of the released program.
-            scenes: Scenes of each environment in a step.
-            most: Scenes of each environment that are trained on; None for all.
-            style_weight: Factor of the style loss in the last stage.
-            negatives_only: Take the paper's denominator in the style loss; see ``style_loss``.
-
-        Raises:
-            PredictorError: nothing to train on, scenes of another number of agents, or one environment where several
-                are compared.
-        """
-        stages = tuple(self.epochs if epochs is None else epochs)
-        schedule = Schedule(stages, scenes, most, style_weight, negatives_only)
-        if (len(schedule.epochs) > 1) != (len(self.epochs) > 1):
-            raise PredictorError(f"{self.name} has {len(self.epochs)} stages: `epochs` needs as many numbers.")
-        objective = {"objective": type(self.objective).__name__, **vars(self.objective)}
-        return StyleProgram(train, validation, self.objective, schedule, device, {"predictor": self.name, **objective})
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -30,7 +30,7 @@ from motion_gym.predictors.networks.stgat_released import import_released
 from motion_gym.predictors.settings import setting
 from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.objectives import Objective
-from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
+from motion_gym.predictors.training.stgat_training import StgatProgram
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.training.program import Weights
 
@@ -65,6 +65,7 @@ class Stgat(Weighted):
     sigma: bool | str = setting(True, check_sigma)
     kind: ClassVar[str] = "stgat"
     shipped: ClassVar[str] = "spurious"
+    program: ClassVar[type[StgatProgram]] = StgatProgram
     counterfactual = False
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = PARTS
     """What can be tuned: names, or beginnings of names, of weights; see ``last_layer.Tunable``."""
@@ -82,43 +83,6 @@ class Stgat(Weighted):
     def features(self) -> int:
         """Values per observed step."""
         return 2 if self.sigma is False else 3
-
-    def program(
-        self,
-        train: Sequence[Truth],
-        validation: Sequence[Truth],
-        *,
-        device: torch.device,
-        epochs: Sequence[int] = (150, 100, 150),
-        scenes: int = 64,
-        joint: bool = False,
-    ) -> StgatProgram:
-        """The training program.
-
-        Args:
-            train: Windows of each environment.
-            validation: Windows that weights are selected on.
-            device: Where to train.
-            epochs: Of the three stages.
-            scenes: Scenes of a step.
-            joint: Let every step hold scenes of each environment; see ``Schedule``.
-
-        Raises:
-            PredictorError: nothing to train on, one environment for an objective that compares several, or an
-                observation without sigma.
-        """
-        objective = self.objective
-        return StgatProgram(
-            train,
-            validation,
-            self.features,
-            self._inputs,
-            objective,
-            self.counterfactual,
-            Schedule(tuple(epochs), scenes, joint),  # type: ignore[arg-type]
-            device,
-            {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
-        )
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres.

@@ -31,7 +31,7 @@ SEED = optional(whole(0, 2**31))
 class Weighted:
     """A predictor with trained weights, of one seed or several.
 
-    A subclass names itself, declares its settings as fields, checks weights, and makes the program that ``fit`` trains.
+    A subclass names itself, declares its settings as fields, checks weights, and names the program that ``fit`` trains.
     A setting makes another row of a table and another file of weights.
 
     Args:
@@ -49,6 +49,8 @@ class Weighted:
     kind: ClassVar[str]
     shipped: ClassVar[str]
     """Name of the weights that are used where none are named."""
+    program: ClassVar[Callable[..., Program]]
+    """Class of the training program; takes the predictor, both sets, a device, and the options of ``fit``."""
     fit_on_demand: ClassVar[bool] = False
     """Training takes too long for an evaluation: ``predict`` says where weights are missing and how to train them."""
 
@@ -100,10 +102,6 @@ class Weighted:
         self._ready()
         return str(self.card.get("selection", "not stated by the weights"))
 
-    def program(self, *sets: Any, **options: Any) -> Program:
-        """The training program on the training and the validation set, with the options of ``fit`` and a device."""
-        raise NotImplementedError
-
     def fit(
         self,
         train: Sequence[Truth],
@@ -144,10 +142,7 @@ class Weighted:
             raise SpecError(f"`seed={seed}` must name at least one seed to train, and each once.")
         if self.seed is not None and self.seed not in seeds:
             raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
-        epochs = options.get("epochs", ())
-        if epochs is not None and not isinstance(epochs, Iterable):
-            raise SpecError(f"`epochs={epochs}` must be a list of numbers, one for each stage.")
-        program = self.program(train, validation, device=device_named(device), **options)
+        program = self.program(self, train, validation, device=device_named(device), **options)
         trained = training.train(
             program,
             seeds,

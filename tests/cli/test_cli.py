@@ -390,7 +390,7 @@ def test_predictor_that_fails_does_not_take_the_others_along(capsys):
         ("score linear --domain ocra", "no domain `ocra`. Did you mean `orca`?"),
         ("score linear --domain orca:dd=3", "Domain `orca` has no parameter `dd`. Did you mean `d`?"),
         ("score linear:rigde=3 --domain orca", "Predictor `linear` has no parameter `rigde`. Did you mean `ridge`?"),
-        ("score linear --domain orca:d=wide", "`d=wide` of domain `orca` must be a number above 0"),
+        ("score linear --domain orca:d=wide", "`d=wide` of domain `orca` must be a number"),
         ("score linear --domain orca:d", "Write `orca:key=value`"),
         ("score linear --domain orca:d=0.1,x", "`x` in `orca:d=0.1,x` is not a parameter"),
         ("score linear --domain orca:scenes=9 --protocol papre", "no protocol `papre`. Did you mean `paper`?"),
