@@ -110,12 +110,7 @@ class EthUcy(RecordedDomain):
         share = TRAIN_SHARE if split in ("train", "val") else self.reference_share
         cut = math.floor(share * len(frames))
         chosen = frames[:cut] if split in ("train", "reference") else frames[cut:]
-        if len(chosen) == len(frames):
-            return recording
-        if not len(chosen):
-            keep = np.zeros(len(recording.frame), bool)
-        else:
-            keep = (recording.frame >= chosen[0]) & (recording.frame <= chosen[-1])
+        keep = np.isin(recording.frame, chosen)
         return dataclasses.replace(
             recording, frame=recording.frame[keep], agent=recording.agent[keep], xy=recording.xy[keep]
         )
@@ -167,9 +162,7 @@ class EthUcy(RecordedDomain):
         own = LOCATION[self.name]
         for place in among:
             one_of("among", place, PLACES, owner)
-        names = [p for p in among if (LOCATION[p] != own if by == "location" else p != self.name)]
-        if self.name == "eth6":
-            names = [p for p in names if p != "eth"]
+        names = [p for p in among if (LOCATION[p] != own if by == "location" else p != (self.place or self.name))]
         common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
             return [BY_PLACE[p](**common) for p in names]

@@ -125,19 +125,13 @@ class Orca(RecordedDomain):
         others = [self.replace(d=d) for d in styles]
         return [_made(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
 
-    def infeasible(self, split: str) -> int:
-        """Scenes of a split in which some agent once had no velocity that satisfies all half-planes."""
-        return int((self.simulated(split)["first_infeasible"] >= 0).any(axis=1).sum())
-
     def simulated(self, split: str) -> dict[str, np.ndarray]:
-        """Positions [S, 20, N, 2] float32 and first_infeasible [S, N] of a split, from the cache if they are there."""
+        """Positions [S, 20, N, 2] float32 of a split, from the cache if they are there."""
         self.check_split(split)
-        return self.kept(f"simulation of {split}", lambda: self._cached(split))
-
-    def _cached(self, split: str) -> dict[str, np.ndarray]:
         starts = self.scenes or STARTS[split]
         key = {**self.parameters, "scenes": starts, "name": "orca", "split": split, "engine": ENGINE_VERSION}
-        return cached_arrays(key, lambda: self._simulate(split, starts))
+        make = functools.partial(self._simulate, split, starts)
+        return self.kept(f"simulation of {split}", lambda: cached_arrays(key, make))
 
     def _simulate(self, split: str, starts: int) -> dict[str, np.ndarray]:
         start = self._starts(np.random.default_rng([self.seed, self.splits.index(split)]), starts)
@@ -149,10 +143,7 @@ class Orca(RecordedDomain):
                 f"In all {starts} scenes of `{split}` an agent has come near its goal after 8 s, and such scenes are "
                 f"dropped: give a radius above {self.radius:g} m, a speed below {self.speed:g} m/s, or more scenes."
             )
-        return {
-            "positions": simulation.positions[keep].astype(np.float32),  # exact: the origin is zero here
-            "first_infeasible": simulation.first_infeasible[keep],
-        }
+        return {"positions": simulation.positions[keep].astype(np.float32)}  # exact: the origin is zero here
 
     def simulate(self, start: np.ndarray):
         """The 20 frames of scenes that start at [S, N, 2], goals opposite, as a ``Simulation``."""

@@ -13,8 +13,6 @@ from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import kept_distances, scenes_of
 from motion_gym.predictors.training.ego_training import EgoProgram, forecast
 from motion_gym.predictors.weighted import Weighted
-from motion_gym.training.program import Weights
-from motion_gym.training.weight_files import check_shapes
 
 AGENTS_AT_ONCE = 4000
 """Agents of one forward pass, about, so that memory does not grow with the test set."""
@@ -39,9 +37,10 @@ class EgoErm(Weighted):
     observed: np.ndarray = np.zeros(2)
     """[2] sums over the observed scenes, see ``kept_distances``; zero for a predictor without a style."""
 
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        check_shapes(tensors, ego_network.shapes(self.networks), source)
+    @property
+    def expected(self) -> dict[str, tuple[int, ...]]:
+        """Shape of every weight."""
+        return ego_network.shapes(self.networks)
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.

@@ -21,7 +21,6 @@ from motion_gym.predictors.training.style_training import PLAIN, StyleProgram
 from motion_gym.predictors.training.transfer_training import PARTS
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.training.program import Weights
-from motion_gym.training.weight_files import check_shapes
 
 
 @dataclass(eq=False, repr=False)
@@ -45,7 +44,7 @@ class StyleErm(Weighted):
     program: ClassVar[type[StyleProgram]] = StyleProgram
     epochs: ClassVar[tuple[int, ...]] = (100,)
     """Of the stages, as in the released program."""
-    expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)
+    expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)  # type: ignore[misc]
     """Shape of every weight."""
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "all": ("encoder", "decoder"),
@@ -57,10 +56,6 @@ class StyleErm(Weighted):
     def objective(self) -> Objective:
         """What the first stage minimises."""
         return Irm(self.penalty) if self.penalty else Erm()
-
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        check_shapes(tensors, self.expected, source)
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.
@@ -86,9 +81,7 @@ class StyleErm(Weighted):
         with torch.no_grad():
             history = pair_network.exact(observation).flatten(1)
             codes = self._codes(weights)
-            latent = pair_network.encode(history, weights)
-            if codes is not None:
-                latent = pair_network.modulate(latent, codes, weights, 1)
+            latent = pair_network.latent_of(history, codes, weights)
             inputs = pair_network.before_last(latent, codes, weights)[0].numpy()
         weight = np.concatenate([weights["decoder.weight4"][0].numpy(), weights["decoder.bias4"].numpy()])
         return LastLayer(with_one(inputs), weight, observation.xy[:, -1:].astype(np.float64))
@@ -136,7 +129,7 @@ class Modular(StyleMemory, StyleErm):
         """Latent [1, S, 16] of each scene after the first modulation."""
         weights = self._exact(observation)
         history = pair_network.exact(observation).flatten(1)
-        return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
+        return pair_network.latent_of(history, self._codes(weights), weights)
 
     def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, S, 48], metres."""

@@ -51,10 +51,10 @@ class ModularStgat(StyleMemory, Stgat):
         "last_layer": PARTS["last_layer"],
     }
 
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        more = {**stgat_style.shapes(), "prior.code": (CODE,), "prior.dt": (1,)}
-        stgat_network.check_weights(tensors, self.features, source, more)
+    @property
+    def expected(self) -> dict[str, tuple[int, ...]]:
+        """Shape of every weight."""
+        return {**super().expected, **stgat_style.shapes(), "prior.code": (CODE,), "prior.dt": (1,)}
 
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
         """Style codes [M, S, 8] of scenes of two agents or more."""
@@ -64,13 +64,12 @@ class ModularStgat(StyleMemory, Stgat):
 
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, A, 64] of each agent, modulated."""
-        weights, draws, layout, steps = self._given(observation, seed)
-        return self._latent(steps, draws, layout, weights)
+        return self._latent(*self._network_inputs(observation, 1, seed), self._ready(observation))
 
     def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, A, 24], metres."""
-        weights, draws, _, steps = self._given(observation, seed)
-        moves = stgat_network.decode(latent, steps[-1, :, :2], draws.noise, weights)
+        steps, draws, _ = self._network_inputs(observation, 1, seed)
+        moves = stgat_network.decode(latent, steps[-1, :, :2], draws.noise, self._ready(observation))
         return moves.permute(1, 2, 0, 3).flatten(2)
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
@@ -83,12 +82,6 @@ class ModularStgat(StyleMemory, Stgat):
         pairs = NeighbourPairs.of(Truth(future, np.ones(future.shape[:2], bool), observation))
         codes = stgat_style.scene_codes(pairs.paths(path), torch.from_numpy(pairs.scene), observation.scenes, weights)
         return pair_network.embed(codes, weights)
-
-    def _given(self, observation: Observation, seed: int) -> tuple[Weights, Draws, Layout, Tensor]:
-        """Weights, and the inputs of the network for the first sample."""
-        layout = Layout.of(observation.scene)
-        draws = self._draws(observation, layout, 1, seed)
-        return self._ready(observation), draws, layout, torch.from_numpy(self._inputs(observation))
 
     def _latent(
         self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None

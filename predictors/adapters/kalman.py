@@ -14,7 +14,7 @@ import numpy as np
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors.adapters.adapter import KEPT, Adapter, Told
 from motion_gym.predictors.networks.last_layer import LastLayer, Linearised
-from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.networks.scene_noise import agent_keys, normals
 from motion_gym.predictors.settings import number, positive, setting
 from motion_gym.stepping.harness import name_of
 
@@ -152,8 +152,7 @@ class Kalman(Adapter):
         layer = self._layer(observation)
         positions = np.repeat(self._weighed(self._advice(layer, observation))[:, None], samples, axis=1)
         if samples > 1:
-            keys = scene_keys(observation, samples, seed)
-            own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
+            _, own = agent_keys(observation, samples, seed)
             drawn = normals(own, 2).transpose(1, 0, 2)[:, 1:, None]
             positions[:, 1:] += drawn * np.sqrt(self._variance(layer))[:, None, :, None]
         return Forecast(positions.astype(np.float32))

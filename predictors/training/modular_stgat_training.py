@@ -14,7 +14,7 @@ from motion_gym.predictors.networks import pair_network, stgat_style
 from motion_gym.predictors.networks.neighbour_pairs import NeighbourPairs, whole_paths
 from motion_gym.predictors.networks.stgat_network import Draws
 from motion_gym.predictors.training.objectives import Erm, risks_of
-from motion_gym.predictors.training.stgat_training import StgatProgram
+from motion_gym.predictors.training.stgat_training import Batch, StgatProgram
 from motion_gym.predictors.training.style_loss import style_loss
 from motion_gym.training.program import Weights
 
@@ -96,7 +96,7 @@ class StyledStgatProgram(StgatProgram):
                     "all 20 steps, so that it shows no style: give others, or train `erm_no_sigma`."
                 )
         self.dt = self.train[0].observation.dt
-        self.by_environment = [self._validation(truth) for truth in validation]
+        self.validation = self._validation(validation)
 
     def first(self, seed: int) -> Weights:
         """First weights of one model, [1, ...]."""
@@ -136,18 +136,10 @@ class StyledStgatProgram(StgatProgram):
                 loss = loss + Erm()(risks, state)
             yield loss
 
-    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """ADE [M], metres, of the first forecast in the style of 64 training scenes, mean over all agent-windows."""
-        total, count = torch.zeros(len(generators), device=self.device), torch.zeros((), device=self.device)
-        for number, batches in enumerate(self.by_environment):
-            style = self._mean_code(number, SHOWN, weights)
-            for batch in batches:
-                draws = Draws.from_generators(generators, batch.layout)
-                moves = stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
-                errors, known = batch.errors(moves)
-                total += errors
-                count += known
-        return total / count
+    def _forecast(self, batch: Batch, draws: Draws, environment: int, weights: Weights) -> Tensor:
+        """Displacements [12, M, A, 2] in the style of 64 training scenes of the environment."""
+        style = self._mean_code(environment, SHOWN, weights)
+        return stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
 
     def _mean_code(self, number: int, most: int | None, weights: Weights) -> Tensor:
         """Mean code [M, 1, 8] of the first scenes of an environment."""

@@ -136,7 +136,7 @@ class StgatProgram(Program):
         self.train, self.inputs, self.objective, self.device = train, predictor._inputs, objective, device
         self.features, self.counterfactual = predictor.features, predictor.counterfactual
         self.joint = joint or objective.joint
-        self.validation = self._validation(stack([v for v in validation if v.observation.scenes]))
+        self.validation = self._validation([stack([v for v in validation if v.observation.scenes])])
         self.staged: list[Batch] = []
         self.stages = [
             Stage(name, count, rates, selects=number == len(stages))
@@ -186,13 +186,16 @@ class StgatProgram(Program):
         """ADE [M] of the first forecast, metres, mean over the agent-windows of all environments."""
         total = torch.zeros(len(generators), device=self.device)
         count = torch.zeros((), device=self.device)
-        for batch in self.validation:
+        for environment, batch in self.validation:
             draws = Draws.from_generators(generators, batch.layout)
-            moves = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
-            errors, known = batch.errors(moves)
+            errors, known = batch.errors(self._forecast(batch, draws, environment, weights))
             total += errors
             count += known
         return total / count
+
+    def _forecast(self, batch: Batch, draws: Draws, environment: int, weights: Weights) -> Tensor:
+        """Displacements [12, M, A, 2] of validation windows of an environment."""
+        return stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
 
     def _in_turn(self) -> list[Batch]:
         """Steps of every epoch, each of one environment; computed once."""
@@ -222,9 +225,10 @@ class StgatProgram(Program):
         truths = [pick_scenes(self.train[number], scenes) for number, scenes in parts]
         return Batch.of(truths, self.inputs, self.device)
 
-    def _validation(self, truth: Truth) -> list[Batch]:
-        batches = []
-        for first in range(0, truth.observation.scenes, VALIDATED_AT_ONCE):
-            part = pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))
-            batches.append(Batch.of([part], self.inputs, self.device))
-        return batches
+    def _validation(self, truths: Sequence[Truth]) -> list[tuple[int, Batch]]:
+        """Batches of windows, each with the number of its truth."""
+        return [
+            (number, Batch.of([pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))], self.inputs, self.device))
+            for number, truth in enumerate(truths)
+            for first in range(0, truth.observation.scenes, VALIDATED_AT_ONCE)
+        ]
