@@ -38,20 +38,20 @@ def locate(weights: str, row: str) -> Path:
         if not path.is_file():
             raise PredictorError(f"There is no file {path}: weights are a .safetensors and a .json.")
         return path
-    path = SHIPPED / weights / file_name(row)
-    if path.is_file():
-        return path
     names = {p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.safetensors")}
     if weights not in names:
         raise PredictorError(
             f"There are no weights `{weights}`: give a file that ends in .safetensors, or a name."
             f"{suggest(weights, names)}"
         )
-    rows = [p.stem.replace("-", ":", 1) for p in path.parent.glob("*.safetensors")]
-    raise PredictorError(
-        f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "
-        f"--benchmark {weights}."
-    )
+    path = SHIPPED / weights / file_name(row)
+    if not path.is_file():
+        rows = [p.stem.replace("-", ":", 1) for p in path.parent.glob("*.safetensors")]
+        raise PredictorError(
+            f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "
+            f"--benchmark {weights}."
+        )
+    return path
 
 
 def file_name(row: str) -> str:
