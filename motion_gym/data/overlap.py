@@ -20,15 +20,18 @@ def shared_people(shown: Sequence[Recording], scored: Sequence[Recording]) -> in
     begins later, is renumbered, or is cut otherwise is thus recognised; one that is resampled or moved is not, and
     is told by the ``world`` of its domain.
     """
-    other_rows, other_steps = (_joined([keys(r) for r in scored]) for keys in (_row_keys, _step_keys))
+    scored_keys = [
+        (keys, np.concatenate([np.zeros(0, np.uint64), *map(keys, scored)])) for keys in (_row_keys, _step_keys)
+    ]
     people = 0
     for recording in shown:
         _, person = np.unique(recording.agent, return_inverse=True)
-        for keys, others in ((_row_keys, other_rows), (_step_keys, other_steps)):
-            shared = np.isin(keys(recording), others)
-            hits = np.bincount(person.reshape(-1)[shared], minlength=0)
-            if (hits >= SHARED_ROWS).any():
-                people += int((hits >= SHARED_ROWS).sum())
+        for keys, others in scored_keys:
+            own = keys(recording)
+            shared = np.isin(own, others) & (own != 0)
+            found = int((np.bincount(person.reshape(-1)[shared]) >= SHARED_ROWS).sum())
+            if found:
+                people += found
                 break
     return people
 
@@ -58,12 +61,6 @@ def _step_keys(recording: Recording) -> np.ndarray:
     keys = np.zeros(len(agent), np.uint64)
     keys[order[:-1]] = np.where(moves, _hashed(np.hstack([xy[:-1], xy[1:]])), np.uint64(0))
     return keys
-
-
-def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """All keys but 0, each once."""
-    keys = np.unique(np.concatenate([np.zeros(0, np.uint64), *parts]))
-    return keys[keys != 0]
 
 
 def _hashed(rows: np.ndarray) -> np.ndarray:
