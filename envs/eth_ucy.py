@@ -5,16 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from typing import Any, ClassVar
 
 import numpy as np
 
-from motion_gym.catalog import suggest, whole_number
 from motion_gym.contract import HISTORY, Recording, SpecError
 from motion_gym.data import datasets
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.recordings import read_recording
+from motion_gym.specs import number, one_of, whole_number
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
 LOCATION = {"eth": "eth", "eth6": "eth", "hotel": "hotel", "univ": "univ", "zara1": "zara", "zara2": "zara"}
@@ -75,24 +74,18 @@ class EthUcy(RecordedDomain):
         reference_share: float = 0.0,
     ):
         self.sigma = sigma if sigma is not None else "none" if alpha is None else "paper"
-        _one_of(self.name, "sigma", self.sigma, ("none", "paper", "past"))
-        _one_of(self.name, "curvature", curvature, ("norm", "squared"))
-        if alpha is not None and (not _is_number(alpha) or not 0 < alpha <= 1e6):
-            raise SpecError(
-                f"`alpha={alpha}` of domain `{self.name}` must be a number above 0, and at most 1e6, as in alpha=64."
-            )
+        owner = f"domain `{self.name}`"
+        one_of("sigma", self.sigma, ("none", "paper", "past"), owner)
+        self.curvature = one_of("curvature", curvature, ("norm", "squared"), owner)
         if alpha is not None and self.sigma == "none":
             raise SpecError(f"`alpha={alpha}` has no effect with `sigma=none`: drop alpha, or use sigma=paper or past.")
-        if not _is_number(reference_share) or not 0 <= reference_share < 1:
-            raise SpecError(
-                f"`reference_share={reference_share}` of domain `{self.name}` must be a number from 0 to below 1."
-            )
-        self.alpha = alpha if alpha is None or self.sigma == "none" else float(alpha)
-        if self.sigma != "none" and alpha is None:
-            self.alpha = 1.0
-        self.curvature = curvature
+        if alpha is None:
+            self.alpha = None if self.sigma == "none" else 1.0
+        else:
+            self.alpha = number("alpha", alpha, 0, 1e6, above=True, owner=owner)
         self.min_agents = whole_number("min_agents", min_agents, 1, 1000)
         self.stride = whole_number("stride", stride, 1, 1_000_000)
+        number("reference_share", reference_share, 0, 1, below=True, owner=owner)
         self.reference_share = reference_share
         self.feature_names = ("sigma",) if self.sigma == "past" else ()
         self.side_channel_names = ("sigma",) if self.sigma == "paper" else ()
@@ -117,12 +110,7 @@ class EthUcy(RecordedDomain):
         share = TRAIN_SHARE if split in ("train", "val") else self.reference_share
         cut = math.floor(share * len(frames))
         chosen = frames[:cut] if split in ("train", "reference") else frames[cut:]
-        if len(chosen) == len(frames):
-            return recording
-        if not len(chosen):
-            keep = np.zeros(len(recording.frame), bool)
-        else:
-            keep = (recording.frame >= chosen[0]) & (recording.frame <= chosen[-1])
+        keep = np.isin(recording.frame, chosen)
         return dataclasses.replace(
             recording, frame=recording.frame[keep], agent=recording.agent[keep], xy=recording.xy[keep]
         )
@@ -168,14 +156,13 @@ class EthUcy(RecordedDomain):
             among: The places to choose from.
             alphas: The four alphas, in the order of the places.
         """
-        _one_of(self.name, "design", design, ("paper", "crossed"))
-        _one_of(self.name, "by", by, ("place", "location"))
+        owner = f"domain `{self.name}`"
+        one_of("design", design, ("paper", "crossed"), owner)
+        one_of("by", by, ("place", "location"), owner)
         own = LOCATION[self.name]
         for place in among:
-            _one_of(self.name, "among", place, PLACES)
-        names = [p for p in among if (LOCATION[p] != own if by == "location" else p != self.name)]
-        if self.name == "eth6":
-            names = [p for p in names if p != "eth"]
+            one_of("among", place, PLACES, owner)
+        names = [p for p in among if (LOCATION[p] != own if by == "location" else p != (self.place or self.name))]
         common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
             return [BY_PLACE[p](**common) for p in names]
@@ -236,12 +223,3 @@ class Zara2(EthUcy):
 
 
 BY_PLACE: dict[str, type[EthUcy]] = {c.name: c for c in (Eth, Eth6, Hotel, Univ, Zara1, Zara2)}
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _one_of(place: str, key: str, value: object, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise SpecError(f"`{key}={value}` of domain `{place}` is not known.{suggest(str(value), allowed)}")

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import WINDOW, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.storage import cached_arrays
 from motion_gym.envs.orca_engine.simulation import ENGINE_VERSION, simulate
+from motion_gym.specs import number, whole_number
 
 STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
 """Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""
@@ -99,20 +98,18 @@ class Orca(RecordedDomain):
         seed: int = 0,
         scenes: int | None = None,
     ):
-        for key, value, most in (
-            ("d", d, 10),
-            ("radius", radius, 100),
-            ("horizon", horizon, 100),
-            ("speed", speed, 10),
-        ):
-            if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value <= most:
-                raise SpecError(f"`{key}={value}` of domain `orca` must be a number above 0, and at most {most}.")
-            if value < LEAST:
-                raise SpecError(f"`{key}={value}` of domain `orca` is too small to simulate: give {LEAST} or more.")
+        self.d, self.radius, self.horizon, self.speed = (
+            number(name, value, LEAST, most, owner="domain `orca`")
+            for name, value, most in (
+                ("d", d, 10),
+                ("radius", radius, 100),
+                ("horizon", horizon, 100),
+                ("speed", speed, 10),
+            )
+        )
         self.agents = whole_number("agents", agents, 2, 20)
         self.seed = whole_number("seed", seed, 0, 2**63)
         self.scenes = None if scenes is None else whole_number("scenes", scenes, 1, 1_000_000)
-        self.d, self.radius, self.horizon, self.speed = float(d), float(radius), float(horizon), float(speed)
 
     def recordings(self, split: str) -> list[Recording]:
         """One recording: the scenes of the split one after another, 20 frames each, agents numbered through."""
@@ -128,19 +125,13 @@ class Orca(RecordedDomain):
         others = [self.replace(d=d) for d in styles]
         return [_made(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
 
-    def infeasible(self, split: str) -> int:
-        """Scenes of a split in which some agent once had no velocity that satisfies all half-planes."""
-        return int((self.simulated(split)["first_infeasible"] >= 0).any(axis=1).sum())
-
     def simulated(self, split: str) -> dict[str, np.ndarray]:
-        """Positions [S, 20, N, 2] float32 and first_infeasible [S, N] of a split, from the cache if they are there."""
+        """Positions [S, 20, N, 2] float32 of a split, from the cache if they are there."""
         self.check_split(split)
-        return self.kept(f"simulation of {split}", lambda: self._cached(split))
-
-    def _cached(self, split: str) -> dict[str, np.ndarray]:
         starts = self.scenes or STARTS[split]
         key = {**self.parameters, "scenes": starts, "name": "orca", "split": split, "engine": ENGINE_VERSION}
-        return cached_arrays(key, lambda: self._simulate(split, starts))
+        make = functools.partial(self._simulate, split, starts)
+        return self.kept(f"simulation of {split}", lambda: cached_arrays(key, make))
 
     def _simulate(self, split: str, starts: int) -> dict[str, np.ndarray]:
         start = self._starts(np.random.default_rng([self.seed, self.splits.index(split)]), starts)
@@ -152,10 +143,7 @@ class Orca(RecordedDomain):
                 f"In all {starts} scenes of `{split}` an agent has come near its goal after 8 s, and such scenes are "
                 f"dropped: give a radius above {self.radius:g} m, a speed below {self.speed:g} m/s, or more scenes."
             )
-        return {
-            "positions": simulation.positions[keep].astype(np.float32),  # exact: the origin is zero here
-            "first_infeasible": simulation.first_infeasible[keep],
-        }
+        return {"positions": simulation.positions[keep].astype(np.float32)}  # exact: the origin is zero here
 
     def simulate(self, start: np.ndarray):
         """The 20 frames of scenes that start at [S, N, 2], goals opposite, as a ``Simulation``."""

@@ -37,14 +37,18 @@ class Entry:
         target: ``module:Class``.
         summary: One line about it.
         env_id: Id of the Gymnasium environment, for a domain.
-        parameters: Parameters that the name stands for. The name with another number is another setting, as
-            ``ema_anchor:anchor=0.1``; the name with another value of any other type is refused.
+        parameters: Parameters that the name stands for. Another number may be set, as ``ema_anchor:anchor=0.1``.
     """
 
     target: str
     summary: str
     env_id: str | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def refused(self, parameters: Mapping[str, Any]) -> str | None:
+        """Name of a parameter whose value is neither the one that the name stands for nor another number."""
+        other = {k: (v, parameters.get(k)) for k, v in self.parameters.items() if parameters.get(k) != v}
+        return next((k for k, values in other.items() if not set(map(type, values)) <= {int, float}), None)
 
 
 DOMAINS = {
@@ -165,25 +169,19 @@ def alias_of(name: str, parameters: Mapping[str, Any]) -> tuple[str, dict[str, A
         parameters: Parameters that are not at the defaults of the class.
     """
     table = {**PREDICTORS, **ADAPTERS}
+    target = table[name].target if name in table else ""
     for alias, entry in table.items():
-        same_class = entry.parameters and name in table and table[name].target == entry.target
-        if same_class and all(_agree(parameters.get(key), value) for key, value in entry.parameters.items()):
+        if entry.parameters and entry.target == target and entry.refused(parameters) is None:
             return alias, {k: v for k, v in parameters.items() if entry.parameters.get(k) != v}
     return name, dict(parameters)
-
-
-def _agree(value: Any, implied: Any) -> bool:
-    """Whether a parameter may have this value under an alias: the implied one, or another number."""
-    both_numbers = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in (value, implied))
-    return both_numbers or bool(value == implied)
 
 
 def domain(spec: str | Domain, **parameters: Any) -> Domain:
     """Make a domain.
 
     Args:
-        spec: ``"eth"``, ``"eth:alpha=64"``, ``"module:Class"``, or a domain, which is returned as it is.
-        **parameters: Parameters of the domain; they win over those in the spec.
+        spec: ``"eth:alpha=64"``, ``"module:Class"``, or a domain, which is returned as it is.
+        **parameters: They win over those in the spec.
 
     Raises:
         SpecError: the name or a parameter is not known, or a value is not allowed.
@@ -272,9 +270,8 @@ class _Kind:
         if self.base and not isinstance(thing, load_class(self.base)):
             remedy = f"subclass motion_gym.{self.base.partition(':')[2]} and define {self.methods[0]}"
             raise SpecError(f"{name} cannot be used as {self.name}: {remedy}.")
-        for method in self.methods:
-            if not callable(getattr(thing, method, None)):
-                raise SpecError(f"{name} cannot be used as {self.name}: it has no method `{method}`.")
+        if missing := [method for method in self.methods if not callable(getattr(thing, method, None))]:
+            raise SpecError(f"{name} cannot be used as {self.name}: it has no method `{missing[0]}`.")
         return thing
 
 
@@ -308,8 +305,8 @@ def _factory(
     if not isinstance(spec, str):
         return spec.__name__, spec, parameters
     name, written = parse_spec(spec)
-    first, colon, rest = name.partition(":")
     arguments = {**written, **parameters}
+    first, colon, rest = name.partition(":")
     if first in kind.table and colon:
         raise SpecError(f"`{rest}` in `{spec}` is not a parameter. Write `{first}:key=value`.")
     if colon:
@@ -319,10 +316,11 @@ def _factory(
         hint = next((f" (It is a {other}.)" for other, table in others if name in table), suggest(name, kind.table))
         raise SpecError(f"There is no {kind.name} `{name}`.{hint} Your own: `module:Class`.")
     entry = kind.table[name]
-    for key, value in entry.parameters.items():
-        if not _agree(arguments.get(key, value), value):
-            raise SpecError(f"`{name}` stands for `{key}={value}`, so `{key}={arguments[key]}` cannot be set on it.")
-    return name, load_class(entry.target, kind.name), {**entry.parameters, **arguments}
+    arguments = {**entry.parameters, **arguments}
+    if key := entry.refused(arguments):
+        value = entry.parameters[key]
+        raise SpecError(f"`{name}` stands for `{key}={value}`, so `{key}={arguments[key]}` cannot be set on it.")
+    return name, load_class(entry.target, kind.name), arguments
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str, Any], kind: str) -> None:

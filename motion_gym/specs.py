@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import ast
 import difflib
+import math
 import re
 import warnings
-from collections.abc import Iterable
-from numbers import Integral
+from collections.abc import Collection, Iterable
+from numbers import Integral, Real
 from typing import Any
 
 from motion_gym.contract import SpecError
@@ -70,6 +71,42 @@ def whole_number(name: str, value: Any, least: int, most: int) -> int:
         span = f"from {least} to {most}" if most < 1000 else f"{least} or more, and at most {most:,}"
         raise SpecError(f"`{name}={value}` must be a whole number, {span}.")
     return int(value)
+
+
+def number(
+    name: str,
+    value: Any,
+    least: float = 0.0,
+    most: float = math.inf,
+    *,
+    above: bool = False,
+    below: bool = False,
+    owner: str = "",
+) -> float:
+    """The value as a float, if it is a finite number from ``least`` to ``most``; SpecError otherwise.
+
+    Args:
+        name: Name of the parameter.
+        value: Its value.
+        least: Smallest value.
+        most: Largest value.
+        above: Whether ``least`` itself is refused.
+        below: Whether ``most`` itself is refused.
+        owner: What has the parameter, for the message, as ``domain `orca```.
+    """
+    real = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not real or not least <= value <= most or (above and value == least) or (below and value == most):
+        low = f" above {least:g}" if above else f", {least:g} or more"
+        high = "" if most == math.inf else f", and {'below' if below else 'at most'} {most:g}"
+        raise SpecError(f"`{name}={value}`{f' of {owner}' if owner else ''} must be a number{low}{high}.")
+    return float(value)
+
+
+def one_of(name: str, value: Any, words: Collection[str], owner: str = "") -> str:
+    """The value, if it is one of the words; SpecError otherwise."""
+    if value not in words:
+        raise SpecError(f"`{name}={value}`{f' of {owner}' if owner else ''} is not known.{suggest(str(value), words)}")
+    return str(value)
 
 
 def format_spec(name: str, parameters: dict[str, Any]) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from motion_gym.catalog import suggest, whole_number
-from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, SpecError
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation
+from motion_gym.specs import one_of, whole_number
 
 WINDOWS = {"last": 1, "mean": HISTORY - 1}
 """Named numbers of steps that the velocity is averaged over."""
@@ -28,12 +28,7 @@ class ConstantVelocity:
 
     def __init__(self, velocity: str | int = "last"):
         if isinstance(velocity, str):
-            if velocity not in WINDOWS:
-                raise SpecError(
-                    f"`velocity={velocity}` of constant_velocity is not known.{suggest(velocity, WINDOWS)} "
-                    f"Or a number of steps, 1 to {HISTORY - 1}."
-                )
-            self.steps = WINDOWS[velocity]
+            self.steps = WINDOWS[one_of("velocity", velocity, WINDOWS, "constant_velocity (or a number of steps)")]
         else:
             self.steps = whole_number("velocity", velocity, 1, HISTORY - 1)
         self.velocity = velocity

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 import torch
 
-from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
+from motion_gym.contract import FUTURE, Forecast, Observation, Truth
 from motion_gym.data.windows import check_truth, pick_scenes_of
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import kept_distances, scenes_of
 from motion_gym.predictors.training.ego_training import EgoProgram, forecast
 from motion_gym.predictors.weighted import Weighted
-from motion_gym.training.program import Weights
-from motion_gym.training.weight_files import check_shapes
 
 AGENTS_AT_ONCE = 4000
 """Agents of one forward pass, about, so that memory does not grow with the test set."""
@@ -35,41 +32,15 @@ class EgoErm(Weighted):
     kind: ClassVar[str] = "ego_erm"
     shipped: ClassVar[str] = "style"
     networks: ClassVar[tuple[str, ...]] = ("plain",)
+    program: ClassVar[type[EgoProgram]] = EgoProgram
 
     observed: np.ndarray = np.zeros(2)
     """[2] sums over the observed scenes, see ``kept_distances``; zero for a predictor without a style."""
 
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        check_shapes(tensors, ego_network.shapes(self.networks), source)
-
-    def program(
-        self,
-        train: Sequence[Truth],
-        validation: Sequence[Truth],
-        *,
-        device: torch.device,
-        epochs: Sequence[int] = (15,),
-        agents: int = 256,
-        most: int | None = 9000,
-    ) -> EgoProgram:
-        """The training program.
-
-        Args:
-            train: Windows of each environment, complete ones.
-            validation: Windows that weights are selected on, of the same environments in the same order.
-            device: Where to train.
-            epochs: Number of epochs, as a sequence of one.
-            agents: Agents of a step, of all environments together.
-            most: Scenes of each environment that are trained on; None for all.
-
-        Raises:
-            PredictorError: nothing to train on, or environments without a style to read.
-        """
-        if len(epochs) != 1:
-            raise PredictorError(f"{self.name} has one stage: `epochs={tuple(epochs)}` needs one number.")
-        config = {"predictor": self.name}
-        return EgoProgram(train, validation, self.networks, epochs[0], agents, most, device, config)
+    @property
+    def expected(self) -> dict[str, tuple[int, ...]]:
+        """Shape of every weight."""
+        return ego_network.shapes(self.networks)
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.

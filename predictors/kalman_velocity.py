@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from motion_gym.catalog import suggest
-from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError
-from motion_gym.predictors.settings import positive
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError
+from motion_gym.predictors.settings import optional, positive
+from motion_gym.specs import one_of
 
 ACCELERATION = 10.0 ** np.linspace(-3.5, -0.5, 5)
 """Acceleration variances q of the grid, (m/s^2)^2: standard deviations of 0.02 to 0.6 m/s^2."""
@@ -38,11 +38,8 @@ class KalmanVelocity:
     selection = "no weights"
 
     def __init__(self, q: float | None = None, r: float | None = None, select: str = "mixture"):
-        if select not in SELECTIONS:
-            raise SpecError(f"`select={select}` of kalman_velocity is not known.{suggest(str(select), SELECTIONS)}")
-        self.q = None if q is None else positive("q", q)
-        self.r = None if r is None else positive("r", r)
-        self.select = select
+        self.q, self.r = (optional(positive)(name, value) for name, value in (("q", q), ("r", r)))
+        self.select = one_of("select", select, SELECTIONS, "kalman_velocity")
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors.networks.sigma import check_sigma, relative_to_scene
+from motion_gym.specs import number
 
 if TYPE_CHECKING:
     from motion_gym.predictors.networks.last_layer import LastLayer
@@ -31,10 +32,8 @@ class Linear:
     selection = "fitted in closed form to the train windows of the sources; nothing was selected"
 
     def __init__(self, sigma: bool | str = False, ridge: float = 1.0):
-        if isinstance(ridge, (str, bool)) or not 0 <= ridge < np.inf:
-            raise SpecError(f"`ridge={ridge}` of linear must be a number, 0 or more.")
         self.sigma = check_sigma("sigma", sigma)
-        self.ridge = ridge
+        self.ridge = number("ridge", ridge, owner="linear")
         self.weight: np.ndarray | None = None
         self.dt = 0.0
         """Seconds per step of the data that it was fitted to."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,18 +10,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
+from motion_gym.contract import FUTURE, Forecast, Observation, Truth
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.last_layer import LastLayer, with_one
 from motion_gym.predictors.networks.pair_network import AGENTS, CODE, Pairs
 from motion_gym.predictors.settings import number, setting
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.objectives import Erm, Irm, Objective
-from motion_gym.predictors.training.style_training import PLAIN, Schedule, StyleProgram
+from motion_gym.predictors.training.style_training import PLAIN, StyleProgram
 from motion_gym.predictors.training.transfer_training import PARTS
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.training.program import Weights
-from motion_gym.training.weight_files import check_shapes
 
 
 @dataclass(eq=False, repr=False)
@@ -42,9 +41,10 @@ class StyleErm(Weighted):
     shipped: ClassVar[str] = "style"
     agents_per_scene: ClassVar[int] = AGENTS
     """Scenes of another number of agents cannot be forecast or learned from."""
+    program: ClassVar[type[StyleProgram]] = StyleProgram
     epochs: ClassVar[tuple[int, ...]] = (100,)
     """Of the stages, as in the released program."""
-    expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)
+    expected: ClassVar[dict[str, tuple[int, ...]]] = pair_network.shapes(PLAIN)  # type: ignore[misc]
     """Shape of every weight."""
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "all": ("encoder", "decoder"),
@@ -56,45 +56,6 @@ class StyleErm(Weighted):
     def objective(self) -> Objective:
         """What the first stage minimises."""
         return Irm(self.penalty) if self.penalty else Erm()
-
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        check_shapes(tensors, self.expected, source)
-
-    def program(
-        self,
-        train: Sequence[Truth],
-        validation: Sequence[Truth],
-        *,
-        device: torch.device,
-        epochs: Sequence[int] | None = None,
-        scenes: int = 64,
-        most: int | None = 9000,
-        style_weight: float = 1.0,
-        negatives_only: bool = False,
-    ) -> StyleProgram:
-        """The training program.
-
-        Args:
-            train: Windows of each environment, of two agents each.
-            validation: Windows that weights are selected on, of the same environments in the same order.
-            device: Where to train.
-            epochs: Of the stages; by default those of the released program.
-            scenes: Scenes of each environment in a step.
-            most: Scenes of each environment that are trained on; None for all.
-            style_weight: Factor of the style loss in the last stage.
-            negatives_only: Take the paper's denominator in the style loss; see ``style_loss``.
-
-        Raises:
-            PredictorError: nothing to train on, scenes of another number of agents, or one environment where several
-                are compared.
-        """
-        stages = tuple(self.epochs if epochs is None else epochs)
-        schedule = Schedule(stages, scenes, most, style_weight, negatives_only)
-        if (len(schedule.epochs) > 1) != (len(self.epochs) > 1):
-            raise PredictorError(f"{self.name} has {len(self.epochs)} stages: `epochs` needs as many numbers.")
-        objective = {"objective": type(self.objective).__name__, **vars(self.objective)}
-        return StyleProgram(train, validation, self.objective, schedule, device, {"predictor": self.name, **objective})
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.
@@ -120,9 +81,7 @@ class StyleErm(Weighted):
         with torch.no_grad():
             history = pair_network.exact(observation).flatten(1)
             codes = self._codes(weights)
-            latent = pair_network.encode(history, weights)
-            if codes is not None:
-                latent = pair_network.modulate(latent, codes, weights, 1)
+            latent = pair_network.latent_of(history, codes, weights)
             inputs = pair_network.before_last(latent, codes, weights)[0].numpy()
         weight = np.concatenate([weights["decoder.weight4"][0].numpy(), weights["decoder.bias4"].numpy()])
         return LastLayer(with_one(inputs), weight, observation.xy[:, -1:].astype(np.float64))
@@ -170,7 +129,7 @@ class Modular(StyleMemory, StyleErm):
         """Latent [1, S, 16] of each scene after the first modulation."""
         weights = self._exact(observation)
         history = pair_network.exact(observation).flatten(1)
-        return pair_network.modulate(pair_network.encode(history, weights), self._codes(weights), weights, 1)
+        return pair_network.latent_of(history, self._codes(weights), weights)
 
     def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, S, 48], metres."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,8 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.catalog import whole_number
-from motion_gym.contract import FUTURE, HISTORY, Observation, SpecError, Truth
+from motion_gym.contract import FUTURE, HISTORY, Observation, Truth
 from motion_gym.predictors.networks import pair_network, stgat_network, stgat_style
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.neighbour_pairs import NeighbourPairs, whole_paths
@@ -22,6 +21,7 @@ from motion_gym.predictors.settings import setting
 from motion_gym.predictors.stgat_predictor import PARTS, Stgat
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.modular_stgat_training import StyledStgatProgram
+from motion_gym.predictors.training.stgat_training import StgatProgram
 from motion_gym.training.program import Weights
 
 
@@ -42,6 +42,7 @@ class ModularStgat(StyleMemory, Stgat):
     sigma: bool | str = setting(False, check_sigma)
     kind: ClassVar[str] = "modular_stgat"
     shipped: ClassVar[str] = "style/crowd"
+    program: ClassVar[type[StgatProgram]] = StyledStgatProgram
     # psi, f and g of the paper are the style encoder, the modulator and the decoder.
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "all": (*PARTS["all"], "style", "modulator"),
@@ -50,49 +51,10 @@ class ModularStgat(StyleMemory, Stgat):
         "last_layer": PARTS["last_layer"],
     }
 
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        more = {**stgat_style.shapes(), "prior.code": (CODE,), "prior.dt": (1,)}
-        stgat_network.check_weights(tensors, self.features, source, more)
-
-    def program(  # type: ignore[override]
-        self,
-        train: Sequence[Truth],
-        validation: Sequence[Truth],
-        *,
-        device: torch.device,
-        epochs: Sequence[int] = (40, 30, 30, 10, 5, 40),
-        scenes: int = 64,
-        joint: bool = True,
-    ) -> StyledStgatProgram:
-        """The training program.
-
-        Args:
-            train: Windows of each environment.
-            validation: Windows that weights are selected on, of the same environments in the same order.
-            device: Where to train.
-            epochs: Of the stages: the three of STGAT, style, modulator, forecast in style.
-            scenes: Scenes of a step, an equal part from each environment.
-            joint: Steps hold scenes of all environments; there is no other way here.
-
-        Raises:
-            SpecError: these are no stages.
-            PredictorError: nothing to train on, one environment alone, one without neighbours, or an observation
-                without sigma.
-        """
-        if not joint:
-            raise SpecError(f"{self.name} compares environments in every step: `joint=False` is not possible.")
-        if len(epochs) != 6 or not epochs[2] or not epochs[-1]:
-            raise SpecError(
-                f"`epochs={tuple(epochs)}` must be six numbers for {self.name}, with at least one epoch in the third "
-                "and in the last stage."
-            )
-        for count in epochs:
-            whole_number("epochs", count, 0, 1_000_000)
-        config = {"predictor": self.name, "objective": type(self.objective).__name__}
-        return StyledStgatProgram(
-            train, validation, self.features, self._inputs, self.objective, tuple(epochs), scenes, device, config
-        )
+    @property
+    def expected(self) -> dict[str, tuple[int, ...]]:
+        """Shape of every weight."""
+        return {**super().expected, **stgat_style.shapes(), "prior.code": (CODE,), "prior.dt": (1,)}
 
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
         """Style codes [M, S, 8] of scenes of two agents or more."""
@@ -102,13 +64,12 @@ class ModularStgat(StyleMemory, Stgat):
 
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
         """Latent [1, A, 64] of each agent, modulated."""
-        weights, draws, layout, steps = self._given(observation, seed)
-        return self._latent(steps, draws, layout, weights)
+        return self._latent(*self._network_inputs(observation, 1, seed), self._ready(observation))
 
     def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
         """Displacements [1, A, 24], metres."""
-        weights, draws, _, steps = self._given(observation, seed)
-        moves = stgat_network.decode(latent, steps[-1, :, :2], draws.noise, weights)
+        steps, draws, _ = self._network_inputs(observation, 1, seed)
+        moves = stgat_network.decode(latent, steps[-1, :, :2], draws.noise, self._ready(observation))
         return moves.permute(1, 2, 0, 3).flatten(2)
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
@@ -121,12 +82,6 @@ class ModularStgat(StyleMemory, Stgat):
         pairs = NeighbourPairs.of(Truth(future, np.ones(future.shape[:2], bool), observation))
         codes = stgat_style.scene_codes(pairs.paths(path), torch.from_numpy(pairs.scene), observation.scenes, weights)
         return pair_network.embed(codes, weights)
-
-    def _given(self, observation: Observation, seed: int) -> tuple[Weights, Draws, Layout, Tensor]:
-        """Weights, and the inputs of the network for the first sample."""
-        layout = Layout.of(observation.scene)
-        draws = self._draws(observation, layout, 1, seed)
-        return self._ready(observation), draws, layout, torch.from_numpy(self._inputs(observation))
 
     def _latent(
         self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None

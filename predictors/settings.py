@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection
-from numbers import Real
+from functools import partial
 from typing import Any
 
-from motion_gym.catalog import alias_of, format_spec, suggest, whole_number
+from motion_gym import specs
+from motion_gym.catalog import alias_of, format_spec
 from motion_gym.contract import SpecError
 
 Check = Callable[[str, Any], Any]
@@ -41,30 +42,17 @@ def name_of_settings(predictor: Any, **first: Any) -> str:
     return format_spec(name, {**rest, **whole})
 
 
-def number(name: str, value: Any) -> float:
-    """The value as a float, if it is a number, 0 or more; SpecError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) < float("inf"):
-        raise SpecError(f"`{name}={value}` must be a number, 0 or more.")
-    return float(value)
-
-
-def positive(name: str, value: Any) -> float:
-    """The value as a float, if it is a number above 0; SpecError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < float(value) < float("inf"):
-        raise SpecError(f"`{name}={value}` must be a number above 0.")
-    return float(value)
+number = specs.number
+"""Check of numbers, 0 or more."""
+positive: Check = partial(specs.number, above=True)
+"""Check of numbers above 0."""
+share: Check = partial(specs.number, most=1)
+"""Check of numbers from 0 to 1."""
 
 
 def any_text(name: str, value: Any) -> str:
     """The value as text."""
     return str(value)
-
-
-def share(name: str, value: Any) -> float:
-    """The value as a float, if it is from 0 to 1; SpecError otherwise."""
-    if number(name, value) > 1:
-        raise SpecError(f"`{name}={value}` is a share: give a number from 0 to 1.")
-    return float(value)
 
 
 def boolean(name: str, value: Any) -> bool:
@@ -76,18 +64,12 @@ def boolean(name: str, value: Any) -> bool:
 
 def whole(least: int, most: int) -> Check:
     """Check of whole numbers from ``least`` to ``most``."""
-    return lambda name, value: whole_number(name, value, least, most)
+    return partial(specs.whole_number, least=least, most=most)
 
 
 def one_of(words: Collection[str]) -> Check:
     """Check of texts that must be one of ``words``."""
-
-    def check(name: str, value: Any) -> str:
-        if value not in words:
-            raise SpecError(f"There is no `{name}={value}`.{suggest(str(value), words)}")
-        return str(value)
-
-    return check
+    return partial(specs.one_of, words=words)
 
 
 def optional(check: Check) -> Check:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -15,22 +15,22 @@ from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, Predicto
 from motion_gym.data.windows import pick_scenes_of
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.last_layer import LastLayer, with_one
-from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.networks.scene_noise import agent_keys, normals
 from motion_gym.predictors.networks.sigma import check_sigma, relative_to_scene
 from motion_gym.predictors.networks.stgat_network import (
     NOISE,
     STATES,
     Draws,
-    check_weights,
     decode,
     decoder_states,
     encode,
+    shapes,
 )
 from motion_gym.predictors.networks.stgat_released import import_released
 from motion_gym.predictors.settings import setting
 from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.objectives import Objective
-from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
+from motion_gym.predictors.training.stgat_training import StgatProgram
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.training.program import Weights
 
@@ -65,13 +65,20 @@ class Stgat(Weighted):
     sigma: bool | str = setting(True, check_sigma)
     kind: ClassVar[str] = "stgat"
     shipped: ClassVar[str] = "spurious"
+    program: ClassVar[type[StgatProgram]] = StgatProgram
     counterfactual = False
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = PARTS
     """What can be tuned: names, or beginnings of names, of weights; see ``last_layer.Tunable``."""
 
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor."""
-        check_weights(tensors, self.features, source)
+    @property
+    def expected(self) -> dict[str, tuple[int, ...]]:
+        """Shape of every weight."""
+        return shapes(self.features)
+
+    @property
+    def hints(self) -> dict[str, str]:  # type: ignore[override]
+        """A weight of another shape is of a network with, or without, sigma."""
+        return {"trajectory.input": f" It was trained {'without' if self.sigma else 'with'} sigma."}
 
     @property
     def objective(self) -> Objective:
@@ -82,43 +89,6 @@ class Stgat(Weighted):
     def features(self) -> int:
         """Values per observed step."""
         return 2 if self.sigma is False else 3
-
-    def program(
-        self,
-        train: Sequence[Truth],
-        validation: Sequence[Truth],
-        *,
-        device: torch.device,
-        epochs: Sequence[int] = (150, 100, 150),
-        scenes: int = 64,
-        joint: bool = False,
-    ) -> StgatProgram:
-        """The training program.
-
-        Args:
-            train: Windows of each environment.
-            validation: Windows that weights are selected on.
-            device: Where to train.
-            epochs: Of the three stages.
-            scenes: Scenes of a step.
-            joint: Let every step hold scenes of each environment; see ``Schedule``.
-
-        Raises:
-            PredictorError: nothing to train on, one environment for an objective that compares several, or an
-                observation without sigma.
-        """
-        objective = self.objective
-        return StgatProgram(
-            train,
-            validation,
-            self.features,
-            self._inputs,
-            objective,
-            self.counterfactual,
-            Schedule(tuple(epochs), scenes, joint),  # type: ignore[arg-type]
-            device,
-            {"predictor": self.name, "objective": type(objective).__name__, **vars(objective)},
-        )
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres.
@@ -137,10 +107,7 @@ class Stgat(Weighted):
         return Forecast(np.concatenate(parts))
 
     def _positions(self, observation: Observation, weights: Weights, samples: int, seed: int) -> np.ndarray:
-        layout = Layout.of(observation.scene)
-        draws = self._draws(observation, layout, samples, seed)
-        steps = torch.from_numpy(self._inputs(observation))
-        moves = self._moves(steps, draws, layout, weights)
+        moves = self._moves(*self._network_inputs(observation, samples, seed), weights)
         last = torch.from_numpy(observation.xy[:, -1].copy())
         return (last + moves.cumsum(dim=0)).permute(2, 1, 0, 3).contiguous().numpy()
 
@@ -153,17 +120,15 @@ class Stgat(Weighted):
 
     def offsets(self, observation: Observation, weights: Weights, seed: int = 0, shown: Truth | None = None) -> Tensor:
         """Offsets [M, A, 12, 2] of the first sample from the last position, metres; see ``last_layer.Tunable``."""
-        layout = Layout.of(observation.scene)
-        draws = self._draws(observation, layout, 1, seed).for_models(len(weights["stage3.bias"]))
-        steps = torch.from_numpy(self._inputs(observation))
-        return self._moves(steps, draws, layout, weights, shown).permute(1, 2, 0, 3).cumsum(dim=2)
+        steps, draws, layout = self._network_inputs(observation, 1, seed)
+        moves = self._moves(steps, draws.for_models(len(weights["stage3.bias"])), layout, weights, shown)
+        return moves.permute(1, 2, 0, 3).cumsum(dim=2)
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
         """The last layer: of each agent and step, to its displacement; see ``last_layer.LastLayer``."""
-        weights, layout = self._ready(observation), Layout.of(observation.scene)
-        steps = torch.from_numpy(self._inputs(observation))
+        weights = self._ready(observation)
+        steps, draws, layout = self._network_inputs(observation, 1, seed)
         with torch.no_grad():
-            draws = self._draws(observation, layout, 1, seed)
             latent = self._latent(steps, draws, layout, weights)
             _, states = decoder_states(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
         inputs = states[:, 0].transpose(0, 1).flatten(0, 1).double().numpy()
@@ -176,11 +141,12 @@ class Stgat(Weighted):
         """Latent [M, A, 64] that the decoder begins with."""
         return encode(steps, draws, layout, weights)
 
-    @staticmethod
-    def _draws(observation: Observation, layout: Layout, samples: int, seed: int) -> Draws:
-        keys = scene_keys(observation, samples, seed)
-        own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
-        return Draws.of(torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE)), layout)
+    def _network_inputs(self, observation: Observation, samples: int, seed: int) -> tuple[Tensor, Draws, Layout]:
+        """Steps [8, A, F], what is random in K samples, and the layout of the scenes."""
+        keys, own = agent_keys(observation, samples, seed)
+        states, noise = torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE))
+        layout = Layout.of(observation.scene)
+        return torch.from_numpy(self._inputs(observation)), Draws.of(states, noise, layout), layout
 
     def _inputs(self, observation: Observation) -> np.ndarray:
         """Input of the network [8, A, F]."""

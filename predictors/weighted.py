@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
@@ -17,7 +17,7 @@ from motion_gym.training import loop as training
 from motion_gym.training.loop import Progress, device_named
 from motion_gym.training.program import Program, Weights
 from motion_gym.training.provenance import commit, versions
-from motion_gym.training.weight_files import locate, read, write
+from motion_gym.training.weight_files import check_shapes, locate, read, write
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -31,8 +31,8 @@ SEED = optional(whole(0, 2**31))
 class Weighted:
     """A predictor with trained weights, of one seed or several.
 
-    A subclass names itself, declares its settings as fields, checks weights, and makes the program that ``fit`` trains.
-    A setting makes another row of a table and another file of weights.
+    A subclass names itself, declares its settings as fields, gives the shapes of its weights, and names the program
+    that ``fit`` trains. A setting makes another row of a table and another file of weights.
 
     Args:
         weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file; by default those that
@@ -49,6 +49,10 @@ class Weighted:
     kind: ClassVar[str]
     shipped: ClassVar[str]
     """Name of the weights that are used where none are named."""
+    hints: ClassVar[Mapping[str, str]] = {}
+    """What it means if a weight, by name, has another shape than expected."""
+    program: ClassVar[Callable[..., Program]]
+    """Class of the training program; takes the predictor, both sets, a device, and the options of ``fit``."""
     fit_on_demand: ClassVar[bool] = False
     """Training takes too long for an evaluation: ``predict`` says where weights are missing and how to train them."""
 
@@ -61,8 +65,9 @@ class Weighted:
         if self.weights is not None:
             self.load(locate(str(self.weights), self.name))
 
-    def check(self, tensors: Weights, source: str) -> None:
-        """Raise PredictorError unless these are weights [M, ...] of this predictor; ``source`` says whose they are."""
+    @property
+    def expected(self) -> dict[str, tuple[int, ...]]:
+        """Shape of every weight, without the axis of models."""
         raise NotImplementedError
 
     @property
@@ -99,10 +104,6 @@ class Weighted:
         """How the weights were selected, as their card says."""
         self._ready()
         return str(self.card.get("selection", "not stated by the weights"))
-
-    def program(self, *sets: Any, **options: Any) -> Program:
-        """The training program on the training and the validation set, with the options of ``fit`` and a device."""
-        raise NotImplementedError
 
     def fit(
         self,
@@ -144,10 +145,7 @@ class Weighted:
             raise SpecError(f"`seed={seed}` must name at least one seed to train, and each once.")
         if self.seed is not None and self.seed not in seeds:
             raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
-        epochs = options.get("epochs", ())
-        if epochs is not None and not isinstance(epochs, Iterable):
-            raise SpecError(f"`epochs={epochs}` must be a list of numbers, one for each stage.")
-        program = self.program(train, validation, device=device_named(device), **options)
+        program = self.program(self, train, validation, device=device_named(device), **options)
         trained = training.train(
             program,
             seeds,
@@ -201,7 +199,7 @@ class Weighted:
         Raises:
             PredictorError: they are of another model, not finite, or lack the seed.
         """
-        self.check(tensors, source)
+        check_shapes(tensors, self.expected, source, self.hints)
         written = card.get("predictor", self.name)
         if written != self.name:
             raise PredictorError(f"{source} has the weights of {written}, not of {self.name}: name that predictor.")

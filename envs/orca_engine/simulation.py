@@ -8,6 +8,7 @@ import numpy as np
 
 from motion_gym.contract import ORIGIN_GRID, SpecError
 from motion_gym.envs.orca_engine.crowd import Crowd
+from motion_gym.specs import number, whole_number
 
 CHUNK = 65536
 """Pairs of agents that are worked on together: many, since each numpy call costs, but arrays stay in the cache."""
@@ -75,14 +76,9 @@ def simulate(
     goal = _points("goal", goal, start.shape)
     velocity = np.zeros_like(start) if velocity is None else _points("velocity", velocity, start.shape)
     first = every if first is None else first
-    for name, value in {
-        "steps": steps,
-        "every": every,
-        "first": first,
-        "max_neighbors": max_neighbors,
-    }.items():
-        if not isinstance(value, (int, np.integer)) or value < 1:
-            raise SpecError(f"{name} is {value!r}; give a whole number of at least 1.")
+    counts = {"steps": steps, "every": every, "first": first, "max_neighbors": max_neighbors}
+    for name, count in counts.items():
+        whole_number(name, count, 1, 10**9)
     if first > steps:
         raise SpecError(f"the first frame is kept after {first} steps, but steps is {steps}; give more steps.")
     metres_and_seconds = {
@@ -91,9 +87,8 @@ def simulate(
         "neighbor_distance": neighbor_distance,
         "max_speed": max_speed,
     }
-    for name, number in metres_and_seconds.items():
-        if not 0 < number < np.inf:
-            raise SpecError(f"{name} is {number!r}; give a finite number above 0.")
+    for name, value in metres_and_seconds.items():
+        number(name, value, above=True)
     radius = np.asarray(radius, float)
     if radius.shape not in ((), start.shape[:1]):
         raise SpecError(

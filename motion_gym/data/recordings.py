@@ -6,19 +6,18 @@ file walked line by line, to say which line it is.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from numbers import Real
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
+from motion_gym.specs import number
 
 _NAMES = ("frame", "id", "x", "y")
 FARTHEST = 2.0**17
@@ -76,7 +75,7 @@ def read_recording(
         raise SpecError(
             f"columns={columns!r} must be four different column numbers, counted from 0: those of frame, id, x and y"
         )
-    _check_dt(dt)
+    dt = number("dt", dt, above=True, owner=f"{path} (seconds per step)")
     content = _bytes(path)
     delimiter = "," if b"," in content.lstrip().partition(b"\n")[0] else None
     table = _fast(path, content, delimiter, chosen)
@@ -88,7 +87,7 @@ def read_recording(
         frame=table[:, 0].astype(np.int64),
         agent=table[:, 1].astype(np.int64),
         xy=np.ascontiguousarray(table[:, 2:]),
-        dt=float(dt),
+        dt=dt,
         name=name or path.stem,
     )
 
@@ -101,7 +100,7 @@ def check_recording(recording: Recording) -> None:
         SpecError: ``dt`` is not allowed.
     """
     name, frame, agent = recording.name, recording.frame, recording.agent
-    _check_dt(recording.dt)
+    number("dt", recording.dt, above=True, owner=f"recording {name} (seconds per step)")
     if len(frame) == 0:
         raise DataError(f"recording {name} has no rows. Expected at least one frame with one agent.")
     fault = _first_fault(np.column_stack([frame, agent, recording.xy]))
@@ -125,11 +124,6 @@ def check_recording(recording: Recording) -> None:
             "`origin` out so that it follows from the first row (dataclasses.replace: origin=None), or make two "
             "recordings of two places."
         )
-
-
-def _check_dt(dt: float) -> None:
-    if isinstance(dt, bool) or not isinstance(dt, Real) or not (math.isfinite(dt) and dt > 0):
-        raise SpecError(f"dt={dt!r} is not allowed: seconds per step, a finite number above 0, such as 0.4")
 
 
 def _bytes(path: Path) -> bytes:

@@ -7,6 +7,7 @@ percentile bootstrap for clustered data (Davison and Hinkley, Bootstrap Methods 
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -263,25 +264,21 @@ def _resampled_means(
         return mean, np.full((replicates, metrics), np.nan)
     weights = np.concatenate(list(_drawn(draws, replicates, (seed, 1)))) if draws > 1 else np.ones((replicates, 1))
     means, start = [], 0
-    for block in _resamples(len(ids), replicates, seed):
+    resamples = _kept if len(ids) * replicates <= MOST_KEPT else _drawn
+    for block in resamples(len(ids), replicates, seed):
         resampled = (block.astype(np.float64, copy=False) @ sums).reshape(len(block), draws, -1)
         means.append(ratio(np.einsum("rd,rdm->rm", weights[start : start + len(block)], resampled)))
         start += len(block)
     return mean, np.where(enough, np.concatenate(means), np.nan)
 
 
-def _resamples(clusters: int, replicates: int, seed: int) -> Iterable[np.ndarray]:
-    """How often each replicate draws each cluster: [rows, clusters] at a time, R rows in all."""
-    return (_kept if clusters * replicates <= MOST_KEPT else _drawn)(clusters, replicates, seed)
-
-
 @functools.lru_cache(maxsize=1)
-def _kept(clusters: int, replicates: int, seed: int) -> list[np.ndarray]:
+def _kept(clusters: int, replicates: int, seed: int) -> Iterable[np.ndarray]:
     return [block.astype(np.min_scalar_type(int(block.max()))) for block in _drawn(clusters, replicates, seed)]
 
 
 def _drawn(clusters: int, replicates: int, seed: int | Sequence[int]) -> Iterator[np.ndarray]:
-    """Blocks of float64.
+    """How often each replicate draws each cluster: blocks [rows, clusters] of float64, ``replicates`` rows in all.
 
     Counting plain draws is exact and, for many clusters, several times faster than a multinomial draw.
     """
@@ -297,9 +294,7 @@ def _drawn(clusters: int, replicates: int, seed: int | Sequence[int]) -> Iterato
 
 def _percentiles(means: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Both ends of the interval, [M] each; NaN for columns without a replicate."""
-    ends = np.full((2, means.shape[1]), np.nan)
-    for column, replicates in enumerate(means.T):
-        finite = replicates[~np.isnan(replicates)]
-        if len(finite):
-            ends[:, column] = np.quantile(finite, [(1 - level) / 2, (1 + level) / 2])
-    return ends[0], ends[1]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN slice")
+        low, high = np.nanquantile(means, [(1 - level) / 2, (1 + level) / 2], axis=0)
+    return low, high

@@ -189,10 +189,10 @@ class _Run:
         began = time.perf_counter()
         index = self.stage()
         stage = self.program.stages[index]
-        before = sum(s.epochs for s in self.program.stages[:index])
-        if self.epoch == before:
+        done = self.epoch - sum(s.epochs for s in self.program.stages[:index])
+        if not done:
             self.state = self.program.state(len(self.seeds))
-        decay = (1 + math.cos(math.pi * (self.epoch - before) / stage.epochs)) / 2 if stage.decays else 1.0
+        decay = (1 + math.cos(math.pi * done / stage.epochs)) / 2 if stage.decays else 1.0
         for group, rates in zip(self.adam.param_groups, self.groups, strict=True):
             group["lr"] = decay * rates[index]
             for value in group["params"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.contract import PredictorError, Truth
+from motion_gym.contract import PredictorError, SpecError, Truth
+from motion_gym.specs import whole_number
 
 Weights = dict[str, Tensor]
 
@@ -73,6 +74,22 @@ class Program:
     def finished(self, weights: Weights) -> Weights:
         """The trained weights, on the CPU, with what the predictor needs besides."""
         return weights
+
+
+def check_epochs(name: str, epochs: Any, stages: int) -> tuple[int, ...]:
+    """The epochs of each stage of a predictor.
+
+    Raises:
+        SpecError: they are not one whole number for each stage, or the last stage has none.
+    """
+    listed = epochs if isinstance(epochs, Iterable) else ()
+    counts = tuple(whole_number("epochs", count, 0, 1_000_000) for count in listed)
+    if len(counts) != stages or not counts[-1]:
+        raise SpecError(
+            f"`epochs={epochs}` must be a list of {stages} for {name}, a number for each stage, with at least one "
+            "epoch in the last stage."
+        )
+    return counts
 
 
 def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:

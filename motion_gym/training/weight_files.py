@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import os
@@ -39,29 +38,20 @@ def locate(weights: str, row: str) -> Path:
         if not path.is_file():
             raise PredictorError(f"There is no file {path}: weights are a .safetensors and a .json.")
         return path
-    if weights not in _names(SHIPPED):
-        _names.cache_clear()  # they may have come since
-    names = _names(SHIPPED)
+    names = {p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.safetensors")}
     if weights not in names:
         raise PredictorError(
             f"There are no weights `{weights}`: give a file that ends in .safetensors, or a name."
             f"{suggest(weights, names)}"
         )
-    folder = SHIPPED / weights
-    path = folder / file_name(row)
+    path = SHIPPED / weights / file_name(row)
     if not path.is_file():
-        rows = sorted(p.stem.replace("-", ":", 1) for p in folder.glob("*.safetensors"))
+        rows = [p.stem.replace("-", ":", 1) for p in path.parent.glob("*.safetensors")]
         raise PredictorError(
             f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "
             f"--benchmark {weights}."
         )
     return path
-
-
-@functools.cache
-def _names(folder: Path) -> frozenset[str]:
-    """Folders with weights, below a folder."""
-    return frozenset(p.parent.relative_to(folder).as_posix() for p in folder.rglob("*.safetensors"))
 
 
 def file_name(row: str) -> str:

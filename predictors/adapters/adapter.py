@@ -59,7 +59,6 @@ class Adapter(Around):
     """
 
     memory: int = field(default=MEMORY, kw_only=True, metadata={"check": whole(0, 100_000)})
-    needs_style: ClassVar[bool] = False
 
     def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
         super().__post_init__(of, weights, seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -56,7 +57,7 @@ class Ekf(Adapter):
     spread: float = setting(0.03, positive)
     drift: float = setting(1e-4, number)
     noise: float = setting(0.1, positive)
-    average: float = setting(0.5, number)
+    average: float = setting(0.5, partial(number, most=1, below=True))
     gate: float = setting(5.0, positive)
     agents: int = setting(4, whole(1, 1000))
     every: int = setting(1, whole(1, 10**6))
@@ -65,8 +66,6 @@ class Ekf(Adapter):
 
     def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
         super().__post_init__(of, weights, seed)
-        if self.average >= 1:
-            raise SpecError(f"`average={self.average:g}` must be below 1: the share of the old average that is kept.")
         self.tuned = tunable(self.inner, self.parts)
         size = sum(self.inner.tensors[name].numel() for name in self.tuned)
         if size > MOST_WEIGHTS:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import copy
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors.adapters.adapter import KEPT, Adapter, Told
 from motion_gym.predictors.networks.last_layer import LastLayer, Linearised
-from motion_gym.predictors.networks.scene_noise import agent_numbers, mixed, normals, scene_keys
+from motion_gym.predictors.networks.scene_noise import agent_keys, normals
 from motion_gym.predictors.settings import number, positive, setting
 from motion_gym.stepping.harness import name_of
 
@@ -49,13 +50,11 @@ class Kalman(Adapter):
     """
 
     ridge: float = setting(10.0, positive)
-    forgetting: float = setting(0.99, number)
+    forgetting: float = setting(0.99, partial(number, above=True, most=1))
     kind: ClassVar[str] = "kalman"
 
     def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
         super().__post_init__(of, weights, seed)
-        if not 0 < self.forgetting <= 1:
-            raise SpecError(f"`forgetting={self.forgetting:g}` must be above 0, and at most 1.")
         if getattr(self.inner, "fitted", True) is False:
             raise PredictorError(
                 f"{name_of(self.inner)} is not fitted: give it fitted, as `fit(train, validation)` "
@@ -153,8 +152,7 @@ class Kalman(Adapter):
         layer = self._layer(observation)
         positions = np.repeat(self._weighed(self._advice(layer, observation))[:, None], samples, axis=1)
         if samples > 1:
-            keys = scene_keys(observation, samples, seed)
-            own = mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
+            _, own = agent_keys(observation, samples, seed)
             drawn = normals(own, 2).transpose(1, 0, 2)[:, 1:, None]
             positions[:, 1:] += drawn * np.sqrt(self._variance(layer))[:, None, :, None]
         return Forecast(positions.astype(np.float32))

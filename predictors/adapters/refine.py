@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +12,9 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import Forecast, Observation, PredictorError, Truth
-from motion_gym.data.windows import pick_scenes
+from motion_gym.data.windows import pick_scenes, stack
 from motion_gym.predictors.adapters.around import Around
-from motion_gym.predictors.networks.pair_network import walked
+from motion_gym.predictors.networks.pair_network import CODE, walked
 from motion_gym.predictors.settings import positive, setting, whole
 from motion_gym.predictors.training.style_loss import TEMPERATURE
 from motion_gym.stepping.harness import name_of
@@ -59,9 +58,10 @@ class Refine(Around):
         self._forget()
 
     def _forget(self) -> None:
-        self.towards, self.scenes = np.zeros(0), 0
-        self.shown: deque[tuple[Any, ...]] = deque(maxlen=self.memory)
-        """What each of the last scenes adds to the style, and to what is refined towards."""
+        self.towards, self.scenes = np.zeros(CODE), 0
+        """Sum [8] of the style embeddings that forecasts are refined towards, and the number of their scenes."""
+        self.shown: list[Truth] = []
+        """The last scenes, where the style is read from these alone."""
 
     @property
     def tune(self) -> Callable[..., None]:
@@ -76,23 +76,17 @@ class Refine(Around):
 
     def observe(self, truth: Truth) -> None:
         """Read the style, and the embeddings to refine towards, from scenes whose 20 steps are all known."""
-        if not self.memory:
-            self.inner.observe(truth)
         whole = self.inner.whole_scenes(truth)
         if whole is None:
             return
-        if not self.memory:
-            embedded = self._embedded(whole)
-            self.towards = embedded + self.towards if len(self.towards) else embedded
-            self.scenes += whole.observation.scenes
-            return
-        for scene in range(whole.observation.scenes):
-            one = pick_scenes(whole, [scene])
-            self.inner.reset()
-            self.inner.observe(one)
-            self.shown.append((self.inner.observed, self.inner.scenes, self._embedded(one), 1))
-        sums = [sum(values) for values in zip(*self.shown, strict=True)]
-        self.inner.observed, self.inner.scenes, self.towards, self.scenes = sums
+        if self.memory:
+            last = [*self.shown, *(pick_scenes(whole, [scene]) for scene in range(whole.observation.scenes))]
+            self.reset()
+            self.shown = last[-self.memory :]
+            whole = stack(self.shown)
+        self.inner.observe(whole)
+        self.towards = self.towards + self._embedded(whole)
+        self.scenes += whole.observation.scenes
 
     def _embedded(self, whole: Truth) -> np.ndarray:
         """Sum [8] of the style embeddings of whole scenes."""

@@ -9,12 +9,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from torch import Tensor
-
 from motion_gym import catalog
-from motion_gym.contract import Observation, PredictorError, Truth
+from motion_gym.contract import PredictorError, Truth
 from motion_gym.data.windows import check_truth, digest
 from motion_gym.predictors.adapters.around import Around
+from motion_gym.predictors.adapters.refine import REFINABLE
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.settings import number, one_of, optional, positive, setting, whole
 from motion_gym.predictors.training.style_training import mean_code
@@ -132,21 +131,11 @@ class Transfer(Around):
         self.how = f"; then tuned on scenes of the domain: {chosen}"
         self.inner.use(tuned, card)
 
-    def whole_scenes(self, truth: Truth) -> Truth | None:
-        """Scenes that a style can be read from; with the next three methods, the interface of ``Refine``."""
-        return self.inner.whole_scenes(truth)
-
-    def latent(self, observation: Observation, seed: int = 0) -> Tensor:
-        """Latent [1, S, 16] of each scene."""
-        return self.inner.latent(observation, seed)
-
-    def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
-        """Displacements [1, S, 48], metres."""
-        return self.inner.from_latent(observation, latent, seed)
-
-    def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
-        """Style embeddings [1, S, 8]."""
-        return self.inner.embedded(observation, moves)
+    def __getattr__(self, name: str) -> Any:
+        """The methods that ``Refine`` needs are those of the tuned predictor."""
+        if name not in REFINABLE:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return getattr(self.inner, name)
 
 
 @lru_cache(maxsize=1)

@@ -54,9 +54,7 @@ class Scenes:
         most = max(part.side.shape[1] for part in parts)
 
         def padded(value: Tensor) -> Tensor:
-            if value.ndim == 2:
-                return pad(value, (0, most - value.shape[1]))
-            return pad(value, (0, 0, 0, most - value.shape[1]))
+            return pad(value, [0, 0] * (value.ndim - 2) + [0, most - value.shape[1]])
 
         names = ("before", "during", "miss", "side")
         joined = {name: torch.cat([padded(getattr(part, name)) for part in parts]) for name in names}

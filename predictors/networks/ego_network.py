@@ -14,16 +14,17 @@ from torch import Tensor
 
 from motion_gym.contract import FUTURE, HISTORY, WINDOW
 from motion_gym.predictors.networks.ego_features import BEFORE, DURING, FREE, Scenes
+from motion_gym.predictors.networks.pair_network import layers, shapes_of
 from motion_gym.training.program import Weights
 
 WIDTH = 128
 DOUBT = 0.1
 """Metres: a deviation of the observed steps counts fully only if it is well above this."""
-LAYERS: dict[str, tuple[int, ...]] = {
-    "plain": (BEFORE + DURING, WIDTH, WIDTH, WIDTH, 2 * FUTURE),
-    "manoeuvre": (BEFORE, WIDTH, WIDTH, WIDTH, 2 * 2 * (WINDOW - FREE)),
+LAYERS: dict[str, tuple[tuple[int, int], ...]] = {
+    "plain": ((BEFORE + DURING, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH), (WIDTH, 2 * FUTURE)),
+    "manoeuvre": ((BEFORE, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH), (WIDTH, 2 * 2 * (WINDOW - FREE))),
 }
-"""Sizes of the layers of each network."""
+"""Inputs and outputs of each layer of each network."""
 GAINS = {"plain": "plain", "manoeuvre": "correction"}
 """The linear gain from deviations to offsets that stands beside each network."""
 
@@ -32,11 +33,8 @@ def shapes(networks: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
     """Shape of every weight, without the axis M."""
     result: dict[str, tuple[int, ...]] = {}
     for name in networks:
-        sizes = LAYERS[name]
-        result[f"inputs.{name}_mean"] = result[f"inputs.{name}_scale"] = (sizes[0],)
-        for number in range(1, len(sizes)):
-            result[f"{name}.weight{number}"] = (sizes[number - 1], sizes[number])
-            result[f"{name}.bias{number}"] = (sizes[number],)
+        result[f"inputs.{name}_mean"] = result[f"inputs.{name}_scale"] = LAYERS[name][0][:1]
+        result |= shapes_of({name: LAYERS[name]})
         result[f"{GAINS[name]}.gain"] = (2 * HISTORY, 2 * FUTURE)
     return result
 
@@ -54,14 +52,10 @@ def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], seed: int) -> 
     for name in networks:
         flat = inputs[name].flatten(0, -2)
         weights[f"inputs.{name}_mean"], weights[f"inputs.{name}_scale"] = flat.mean(dim=0), flat.std(dim=0) + 0.02
-        sizes = LAYERS[name]
-        for number in range(1, len(sizes)):
-            last = number == len(sizes) - 1
-            spread = 0.1 / math.sqrt(sizes[number - 1]) if last else math.sqrt(2 / sizes[number - 1])
-            weights[f"{name}.weight{number}"] = (
-                torch.randn(sizes[number - 1 : number + 1], generator=generator) * spread
-            )
-            weights[f"{name}.bias{number}"] = torch.zeros(sizes[number])
+        for number, (fan_in, out) in enumerate(LAYERS[name], 1):
+            spread = 0.1 / math.sqrt(fan_in) if number == len(LAYERS[name]) else math.sqrt(2 / fan_in)
+            weights[f"{name}.weight{number}"] = torch.randn(fan_in, out, generator=generator) * spread
+            weights[f"{name}.bias{number}"] = torch.zeros(out)
         weights[f"{GAINS[name]}.gain"] = _constant_velocity()
     return {name: value[None] for name, value in weights.items()}
 
@@ -112,12 +106,7 @@ def distance_error(offsets: Tensor, target: Tensor) -> Tensor:
 def _by_pair(pairs: Tensor, weights: Weights, name: str) -> Tensor:
     """Answers [M, A, N, T, 2] to inputs [M, A, N, F]."""
     x = (pairs.flatten(1, 2) - weights[f"inputs.{name}_mean"][:, None]) / weights[f"inputs.{name}_scale"][:, None]
-    layers = len(LAYERS[name]) - 1
-    for number in range(1, layers + 1):
-        x = torch.baddbmm(weights[f"{name}.bias{number}"][:, None], x, weights[f"{name}.weight{number}"])
-        if number < layers:
-            x = x.relu()
-    return x.view(*pairs.shape[:3], -1, 2)
+    return layers(x, weights, name, 1, len(LAYERS[name])).view(*pairs.shape[:3], -1, 2)
 
 
 def _added(answers: Tensor, side: Tensor) -> Tensor:

@@ -9,8 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from torch import Tensor
 
-from motion_gym import catalog
-from motion_gym.contract import FUTURE, Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import FUTURE, Observation, PredictorError, Truth
+from motion_gym.specs import one_of
 from motion_gym.stepping.harness import name_of
 
 Weights = dict[str, Tensor]
@@ -128,9 +128,7 @@ def tunable(predictor: Any, parts: str) -> list[str]:
             f"{name} has no weights that gradients reach (`tensors`, `parts`, `offsets`): use one of the STGAT or "
             "modular family, as erm or modular_invariant; `linear` is adapted by kalman."
         )
-    known = ("all", "style", "modulator", "last_layer")
-    if parts not in {*known, *predictor.parts}:
-        raise SpecError(f"There is no `parts={parts}` to tune.{catalog.suggest(str(parts), known)}")
+    one_of("parts", parts, {"all", "style", "modulator", "last_layer", *predictor.parts})
     if parts not in predictor.parts:
         raise PredictorError(
             f"{name} has no part `{parts}`, as it reads no style: it has {', '.join(predictor.parts)}. For a style, "

@@ -177,5 +177,10 @@ def before_last(latent: Tensor, codes: Tensor | None, weights: Weights) -> Tenso
 
 def forecast(history: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:
     """Displacements [M, S, 48] of scenes, in the style of the codes if there are some."""
+    return decode(latent_of(history, codes, weights), codes, weights)
+
+
+def latent_of(history: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:
+    """Latent [M, S, 16] of histories [S, 32], modulated if there are codes."""
     latent = encode(history, weights)
-    return decode(latent if codes is None else modulate(latent, codes, weights, 1), codes, weights)
+    return latent if codes is None else modulate(latent, codes, weights, 1)

@@ -33,6 +33,12 @@ def scene_keys(observation: Observation, samples: int, seed: int) -> np.ndarray:
     return mixed(by_scene[None] ^ first[:, None])
 
 
+def agent_keys(observation: Observation, samples: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """The ``scene_keys`` [K, S], and [K, A] uint64, a key for every sample of every agent."""
+    keys = scene_keys(observation, samples, seed)
+    return keys, mixed(keys[:, observation.scene_index] + agent_numbers(observation) + np.uint64(1))
+
+
 def agent_numbers(observation: Observation) -> np.ndarray:
     """[A] uint64, the number of each agent within its scene, from 0."""
     return (np.arange(len(observation)) - observation.scene[observation.scene_index]).astype(np.uint64)

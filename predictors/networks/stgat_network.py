@@ -7,9 +7,8 @@ states of the encoders, the noise of the decoder) is an argument, so that the ne
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import torch
 from torch import Tensor
@@ -18,7 +17,6 @@ from motion_gym.contract import FUTURE
 from motion_gym.predictors.networks.graph_attention import Layout, graph_attention
 from motion_gym.predictors.networks.lstm import joined_weights, rolled_out, unrolled
 from motion_gym.training.program import Weights
-from motion_gym.training.weight_files import check_shapes
 
 TRAJECTORY, GRAPH, NOISE = 32, 32, 16
 """Units of the trajectory LSTM, of the graph LSTM, and values of noise; together the units of the decoder."""
@@ -82,21 +80,6 @@ def shapes(features: int) -> dict[str, tuple[int, ...]]:
     for name, inputs in (("stage1", TRAJECTORY), ("stage2", TRAJECTORY + GRAPH), ("stage3", DECODER)):
         result[f"{name}.weight"], result[f"{name}.bias"] = (inputs, 2), (2,)
     return result
-
-
-def check_weights(
-    tensors: Weights, features: int, source: str, more: Mapping[str, tuple[int, ...]] = MappingProxyType({})
-) -> None:
-    """Raise PredictorError unless these are finite weights of this network, for inputs of ``features`` values.
-
-    Args:
-        tensors: Weights [M, ...].
-        features: Values per observed step.
-        source: Whose they are, for messages.
-        more: Shapes of further weights.
-    """
-    hint = " It was trained " + ("without" if features == 3 else "with") + " sigma."
-    check_shapes(tensors, {**shapes(features), **more}, source, {"trajectory.input": hint})
 
 
 def initial(features: int, seed: int) -> Weights:

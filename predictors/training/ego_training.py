@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from motion_gym.contract import PredictorError, Truth
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import FREE, Scenes, kept_distances, scenes_of
-from motion_gym.training.program import Program, Stage, Weights, check_complete
+from motion_gym.predictors.settings import optional, whole
+from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs
 
 STYLED = "manoeuvre"
 """Name of the network with a style."""
@@ -45,14 +46,13 @@ class EgoProgram(Program):
     """Training of the ego-frame networks on a set of environments.
 
     Args:
-        train: Windows of each environment.
+        predictor: An ``EgoErm``, which says which networks to train.
+        train: Windows of each environment, complete ones.
         validation: Windows that weights are selected on, of the same environments in the same order.
-        networks: Those to train: ``plain``, and ``manoeuvre`` for a style.
-        epochs: Number of epochs; learning rates fall towards 0.
+        device: Where to train.
+        epochs: Number of epochs, as a sequence of one; learning rates fall towards 0.
         agents: Agents of a step, of all environments together.
         most: Scenes of each environment that are trained on, the first ones; None for all.
-        device: Where to train.
-        config: What else the result depends on.
 
     Raises:
         PredictorError: nothing to train on, or environments without a style to read.
@@ -60,20 +60,20 @@ class EgoProgram(Program):
 
     def __init__(
         self,
+        predictor: Any,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        networks: tuple[str, ...],
-        epochs: int,
-        agents: int,
-        most: int | None,
+        *,
         device: torch.device,
-        config: Mapping[str, Any],
+        epochs: Sequence[int] = (15,),
+        agents: int = 256,
+        most: int | None = 9000,
     ):
         check_complete(train, validation)
-        most = None if most is None else whole_number("most", most, 1, 10**9)
+        most = optional(whole(1, 10**9))("most", most)
         train = [pick_scenes(t, slice(0, most)) for t in train]
-        self.networks, self.agents, self.device = networks, whole_number("agents", agents, 1, 10**9), device
-        epochs = whole_number("epochs", epochs, 1, 10**6)
+        self.networks, self.agents, self.device = predictor.networks, whole_number("agents", agents, 1, 10**9), device
+        (count,) = check_epochs(predictor.name, epochs, 1)
         parts = [self._staged(truth) for truth in train]
         self.scenes = Scenes.join([scenes for scenes, _ in parts])
         self.target = torch.cat([target for _, target in parts])
@@ -82,12 +82,12 @@ class EgoProgram(Program):
         )
         self.validation = [self._staged(truth) for truth in validation]
         self.distances, self.seen = torch.zeros(0), np.zeros((len(train), 2))
-        if STYLED in networks:
+        if STYLED in self.networks:
             self._read_styles(train)
-        rates = {name: RATE for network in networks for name in (network, ego_network.GAINS[network])}
-        self.stages = [Stage("forecast", epochs, rates, selects=True, decays=True)]
+        rates = {name: RATE for network in self.networks for name in (network, ego_network.GAINS[network])}
+        self.stages = [Stage("forecast", count, rates, selects=True, decays=True)]
         self.config = {
-            **config,
+            "predictor": predictor.name,
             "agents": agents,
             "train": [digest(t) for t in train],
             "validation": [digest(v) for v in validation],

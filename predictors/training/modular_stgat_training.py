@@ -13,10 +13,10 @@ from motion_gym.contract import FUTURE, PredictorError, SpecError, Truth
 from motion_gym.predictors.networks import pair_network, stgat_style
 from motion_gym.predictors.networks.neighbour_pairs import NeighbourPairs, whole_paths
 from motion_gym.predictors.networks.stgat_network import Draws
-from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
-from motion_gym.predictors.training.stgat_training import Inputs, Schedule, StgatProgram
+from motion_gym.predictors.training.objectives import Erm, risks_of
+from motion_gym.predictors.training.stgat_training import Batch, StgatProgram
 from motion_gym.predictors.training.style_loss import style_loss
-from motion_gym.training.program import Stage, Weights
+from motion_gym.training.program import Weights
 
 SHOWN = 64
 """Training scenes of an environment that validation reads its style from."""
@@ -51,35 +51,34 @@ class Paths:
 class StyledStgatProgram(StgatProgram):
     """Training of STGAT with a style on a set of environments.
 
+    The stages after those of STGAT are style, modulator and forecast in style; they minimise the sum of all errors.
+
     Args:
+        predictor: A ``ModularStgat``.
         train: Windows of each environment.
         validation: Windows that weights are selected on, of the same environments in the same order.
-        features: Values per observed step.
-        inputs: Turns an Observation into the network's input [8, A, F].
-        objective: What is minimised in the stages of STGAT; after them, the sum of all errors is.
+        device: Where to train.
         epochs: Of the six stages.
         scenes: Scenes of a step, an equal part from each environment.
-        device: Where to train.
-        config: What else the result depends on.
 
     Raises:
+        SpecError: a number is not allowed.
         PredictorError: nothing to train on, one environment alone, or one without neighbours.
     """
 
+    further = STAGES
+
     def __init__(
         self,
+        predictor: Any,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        features: int,
-        inputs: Inputs,
-        objective: Objective,
-        epochs: tuple[int, ...],
-        scenes: int,
+        *,
         device: torch.device,
-        config: Mapping[str, Any],
+        epochs: Sequence[int] = (40, 30, 30, 10, 5, 40),
+        scenes: int = 64,
     ):
-        schedule = Schedule(epochs[:3], scenes, joint=True)  # type: ignore[arg-type]
-        super().__init__(train, validation, features, inputs, objective, False, schedule, device, config)
+        super().__init__(predictor, train, validation, device=device, epochs=epochs, scenes=scenes, joint=True)
         if len(self.train) < 2 or len(self.train) != len(validation):
             raise PredictorError(
                 "The style loss compares environments: give at least two to train on, one Truth for each, and the same "
@@ -97,12 +96,7 @@ class StyledStgatProgram(StgatProgram):
                     "all 20 steps, so that it shows no style: give others, or train `erm_no_sigma`."
                 )
         self.dt = self.train[0].observation.dt
-        self.by_environment = [self._validation(truth) for truth in validation]
-        self.stages = [Stage(stage.name, stage.epochs, stage.rates) for stage in self.stages] + [
-            Stage(name, count, rates, selects=number == 5)
-            for number, (count, (name, rates)) in enumerate(zip(epochs[3:], STAGES, strict=True), 3)
-        ]
-        self.config["epochs_before"] = list(epochs[:-1])
+        self.validation = self._validation(validation)
 
     def first(self, seed: int) -> Weights:
         """First weights of one model, [1, ...]."""
@@ -142,18 +136,10 @@ class StyledStgatProgram(StgatProgram):
                 loss = loss + Erm()(risks, state)
             yield loss
 
-    def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """ADE [M], metres, of the first forecast in the style of 64 training scenes, mean over all agent-windows."""
-        total, count = torch.zeros(len(generators), device=self.device), torch.zeros((), device=self.device)
-        for number, batches in enumerate(self.by_environment):
-            style = self._mean_code(number, SHOWN, weights)
-            for batch in batches:
-                draws = Draws.from_generators(generators, batch.layout)
-                moves = stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
-                errors, known = batch.errors(moves)
-                total += errors
-                count += known
-        return total / count
+    def _forecast(self, batch: Batch, draws: Draws, environment: int, weights: Weights) -> Tensor:
+        """Displacements [12, M, A, 2] in the style of 64 training scenes of the environment."""
+        style = self._mean_code(environment, SHOWN, weights)
+        return stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
 
     def _mean_code(self, number: int, most: int | None, weights: Weights) -> Tensor:
         """Mean code [M, 1, 8] of the first scenes of an environment."""

@@ -15,7 +15,7 @@ from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.pair_network import Pairs
-from motion_gym.predictors.training.style_training import Schedule, StyleProgram
+from motion_gym.predictors.training.style_training import StyleProgram
 from motion_gym.training import loop as training
 from motion_gym.training import plans as training_plans
 from motion_gym.training.program import Weights
@@ -32,8 +32,7 @@ class Watched(StyleProgram):
 
     def __init__(self, epochs: Sequence[int]):
         plan = training_plans.training("style")
-        made = Modular()
-        super().__init__(*plan.data(), made.objective, Schedule(tuple(epochs)), torch.device("cpu"), {})
+        super().__init__(Modular(), *plan.data(), device=torch.device("cpu"), epochs=epochs)
         places = [catalog.domain(spec) for spec in WATCHED]
         self.shown = [Pairs.of(pick_scenes(place.reference(), slice(0, REFERENCES))) for place in places]
         self.watched = [Pairs.of(place.windows("val")) for place in places]

@@ -11,18 +11,25 @@ import torch
 from torch import Tensor
 
 from motion_gym.catalog import whole_number
-from motion_gym.contract import FUTURE, HISTORY, Observation, PredictorError, SpecError, Truth
+from motion_gym.contract import FUTURE, HISTORY, Observation, PredictorError, Truth
 from motion_gym.data.windows import digest, pick_scenes, stack
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
 from motion_gym.predictors.training.objectives import Objective, risks_of
-from motion_gym.training.program import Program, Stage
+from motion_gym.training.program import Program, Stage, check_epochs
 
 Inputs = Callable[[Observation], np.ndarray]
 """Turns an Observation into the network's input [8, A, F]."""
 
 VALIDATED_AT_ONCE = 256
 """Scenes of one forward pass of validation."""
+ENCODERS = {"trajectory": 1e-2, "graph": 1e-2, "attention1": 3e-2, "attention2": 3e-2, "": 1e-3}
+STAGES: tuple[tuple[str, Mapping[str, float]], ...] = (
+    ("reconstruction", ENCODERS),
+    ("graph reconstruction", ENCODERS),
+    ("forecast", {"": 5e-3}),
+)
+"""Name of each stage, and learning rates of Adam."""
 
 
 @dataclass(frozen=True)
@@ -78,61 +85,45 @@ class Batch:
         return (off / known.clamp(min=1)).sum(dim=(0, 2)), (known > 0).sum()
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """The three stages.
+class StgatProgram(Program):
+    """Training of STGAT on a set of environments.
 
-    Attributes:
-        epochs: Of stage 1 (reconstruction from the trajectory LSTM), 2 (from both LSTMs) and 3 (forecast).
+    Stage 1 reconstructs the history from the trajectory LSTM, stage 2 from both LSTMs, stage 3 forecasts.
+
+    Args:
+        predictor: A ``Stgat``.
+        train: Windows of each environment.
+        validation: Windows that weights are selected on: by the ADE of their first forecast, metres.
+        device: Where to train.
+        epochs: Of the stages.
         scenes: Scenes of a step; where a step holds several environments, an equal part from each.
         joint: Every step holds scenes of each environment, shuffled; an epoch has as many steps as all scenes together
             would fill, so that smaller environments are seen more than once. Else a step is of one environment, one
             comes after the other, nothing is shuffled, and an epoch sees every scene once, as in the released program.
-    """
-
-    epochs: tuple[int, int, int] = (150, 100, 150)
-    scenes: int = 64
-    joint: bool = False
-
-    def __post_init__(self) -> None:
-        """Raise SpecError for values that make no training."""
-        if not isinstance(self.epochs, tuple) or len(self.epochs) != 3 or self.epochs[2] == 0:
-            raise SpecError(f"`epochs={self.epochs}` must be three numbers, with at least one epoch in the last stage.")
-        for epochs in self.epochs:
-            whole_number("epochs", epochs, 0, 1_000_000)
-        whole_number("scenes", self.scenes, 1, 1_000_000)
-
-
-class StgatProgram(Program):
-    """Training of STGAT on a set of environments.
-
-    Args:
-        train: Windows of each environment.
-        validation: Windows that weights are selected on: by the ADE of their first forecast, metres.
-        features: Values per observed step.
-        inputs: Turns an Observation into the network's input [8, A, F].
-        objective: What is minimised.
-        counterfactual: Whether the decoder is the counterfactual one.
-        schedule: Stages and steps.
-        device: Where to train.
-        config: What else the result depends on.
 
     Raises:
+        SpecError: a number is not allowed.
         PredictorError: nothing to train on, or one environment for an objective that compares several.
     """
 
+    further: tuple[tuple[str, Mapping[str, float]], ...] = ()
+    """Name and learning rates of each stage after the three of STGAT."""
+
     def __init__(
         self,
+        predictor: Any,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        features: int,
-        inputs: Inputs,
-        objective: Objective,
-        counterfactual: bool,
-        schedule: Schedule,
+        *,
         device: torch.device,
-        config: Mapping[str, Any],
+        epochs: Sequence[int] = (150, 100, 150),
+        scenes: int = 64,
+        joint: bool = False,
     ):
+        stages = (*STAGES, *self.further)
+        epochs = check_epochs(predictor.name, epochs, len(stages))
+        self.scenes = whole_number("scenes", scenes, 1, 1_000_000)
+        objective: Objective = predictor.objective
         for name, truths in (("training", train), ("validation", validation)):
             if not sum(truth.observation.scenes for truth in truths):
                 raise PredictorError(f"The {name} set is empty: it needs at least one window.")
@@ -142,25 +133,24 @@ class StgatProgram(Program):
                 f"The objective {type(objective).__name__} compares environments, and the training set has one alone: "
                 "give at least two, one Truth for each, or train `erm`."
             )
-        self.train, self.inputs, self.objective, self.device = train, inputs, objective, device
-        self.features, self.counterfactual, self.schedule = features, counterfactual, schedule
-        self.joint = schedule.joint or objective.joint
-        self.validation = self._validation(stack([v for v in validation if v.observation.scenes]))
+        self.train, self.inputs, self.objective, self.device = train, predictor._inputs, objective, device
+        self.features, self.counterfactual = predictor.features, predictor.counterfactual
+        self.joint = joint or objective.joint
+        self.validation = self._validation([stack([v for v in validation if v.observation.scenes])])
         self.staged: list[Batch] = []
-        encoders = {"trajectory": 1e-2, "graph": 1e-2, "attention1": 3e-2, "attention2": 3e-2, "": 1e-3}
-        names = ("reconstruction", "graph reconstruction", "forecast")
-        rates: tuple[dict[str, float], ...] = (encoders, encoders, {"": 5e-3})
         self.stages = [
-            Stage(name, epochs, rate, selects=name == "forecast")
-            for name, epochs, rate in zip(names, schedule.epochs, rates, strict=True)
+            Stage(name, count, rates, selects=number == len(stages))
+            for number, (count, (name, rates)) in enumerate(zip(epochs, stages, strict=True), 1)
         ]
         self.config = {
-            **config,
-            "features": features,
-            "counterfactual": counterfactual,
+            "predictor": predictor.name,
+            "objective": type(objective).__name__,
+            **vars(objective),
+            "features": self.features,
+            "counterfactual": self.counterfactual,
             # Not those of the last stage: a training can be resumed to go on for longer.
-            "epochs_before": list(schedule.epochs[:-1]),
-            "scenes": schedule.scenes,
+            "epochs_before": list(epochs[:-1]),
+            "scenes": scenes,
             "joint": self.joint,
             "train": [digest(t) for t in train],
             "validation": [digest(v) for v in validation],
@@ -196,18 +186,21 @@ class StgatProgram(Program):
         """ADE [M] of the first forecast, metres, mean over the agent-windows of all environments."""
         total = torch.zeros(len(generators), device=self.device)
         count = torch.zeros((), device=self.device)
-        for batch in self.validation:
+        for environment, batch in self.validation:
             draws = Draws.from_generators(generators, batch.layout)
-            moves = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
-            errors, known = batch.errors(moves)
+            errors, known = batch.errors(self._forecast(batch, draws, environment, weights))
             total += errors
             count += known
         return total / count
 
+    def _forecast(self, batch: Batch, draws: Draws, environment: int, weights: Weights) -> Tensor:
+        """Displacements [12, M, A, 2] of validation windows of an environment."""
+        return stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
+
     def _in_turn(self) -> list[Batch]:
         """Steps of every epoch, each of one environment; computed once."""
         if not self.staged:
-            size = self.schedule.scenes
+            size = self.scenes
             for number, truth in enumerate(self.train):
                 total = truth.observation.scenes
                 for first in range(0, total, size):
@@ -217,8 +210,8 @@ class StgatProgram(Program):
     def _shuffled(self, epoch: int) -> Iterator[list[tuple[int, np.ndarray]]]:
         """Scenes of each environment for each step of an epoch; the order depends on the epoch alone."""
         sizes = [truth.observation.scenes for truth in self.train]
-        each = max(self.schedule.scenes // len(sizes), 1)
-        steps = -(-sum(sizes) // self.schedule.scenes)
+        each = max(self.scenes // len(sizes), 1)
+        steps = -(-sum(sizes) // self.scenes)
         rng = np.random.default_rng([epoch, len(sizes)])
         orders = []
         for size in sizes:
@@ -232,9 +225,10 @@ class StgatProgram(Program):
         truths = [pick_scenes(self.train[number], scenes) for number, scenes in parts]
         return Batch.of(truths, self.inputs, self.device)
 
-    def _validation(self, truth: Truth) -> list[Batch]:
-        batches = []
-        for first in range(0, truth.observation.scenes, VALIDATED_AT_ONCE):
-            part = pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))
-            batches.append(Batch.of([part], self.inputs, self.device))
-        return batches
+    def _validation(self, truths: Sequence[Truth]) -> list[tuple[int, Batch]]:
+        """Batches of windows, each with the number of its truth."""
+        return [
+            (number, Batch.of([pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))], self.inputs, self.device))
+            for number, truth in enumerate(truths)
+            for first in range(0, truth.observation.scenes, VALIDATED_AT_ONCE)
+        ]

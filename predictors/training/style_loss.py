@@ -10,19 +10,18 @@ from motion_gym.contract import PredictorError
 TEMPERATURE = 0.07
 
 
-def style_loss(embedding: Tensor, environment: Tensor, negatives_only: bool = False) -> Tensor:
+def style_loss(embedding: Tensor, environment: Tensor) -> Tensor:
     """Supervised contrastive loss of each model (Khosla et al., NeurIPS 2020, the mean outside of the logarithm).
 
     For an anchor i and each other scene j of its environment: -log(exp(s_ij / t) / sum over k of exp(s_ik / t)), where
     s is the scalar product and t = 0.07; the mean over j, then over i. The released program sums over all k except i.
-    The paper's Eq. 5 sums over j and the scenes of other environments (``negatives_only``): other positives then do
-    not repel each other, and the loss of well separated codes goes to 0, where the released one stays at the logarithm
-    of the number of positives.
+    The paper's Eq. 5 sums over j and the scenes of other environments alone. Here, as in the released program,
+    positives repel each other, too, and the loss of well separated codes stays at the logarithm of the number of
+    positives.
 
     Args:
         embedding: [M, S, 8] of unit length.
         environment: [S] int64 environment of each scene; each at least twice.
-        negatives_only: Take the paper's denominator.
 
     Raises:
         PredictorError: there is one environment alone.
@@ -34,11 +33,6 @@ def style_loss(embedding: Tensor, environment: Tensor, negatives_only: bool = Fa
         )
     logits = embedding @ embedding.transpose(1, 2) / TEMPERATURE
     positives = same.sum(dim=-1) - 1
-    if negatives_only:
-        itself = torch.eye(len(environment), dtype=torch.bool, device=embedding.device)
-        others = logits.masked_fill(same, -torch.inf).logsumexp(dim=-1, keepdim=True)
-        log_share = (logits - torch.logaddexp(logits, others)).masked_fill(~same | itself, 0)
-        return -(log_share.sum(dim=-1) / positives).mean(dim=-1)
     logits.diagonal(dim1=1, dim2=2).fill_(-torch.inf)
     # The mean logit with the others of one's environment, from their sum.
     together = same.to(embedding.dtype) @ embedding - embedding

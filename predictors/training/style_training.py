@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,14 @@ import torch
 from torch import Tensor
 
 from motion_gym.catalog import whole_number
-from motion_gym.contract import FUTURE, PredictorError, SpecError, Truth
+from motion_gym.contract import FUTURE, PredictorError, Truth
 from motion_gym.data.windows import digest, pick_scenes
 from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.pair_network import AGENTS, Pairs
-from motion_gym.predictors.settings import number
+from motion_gym.predictors.settings import optional, whole
 from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
 from motion_gym.predictors.training.style_loss import style_loss
-from motion_gym.training.program import Program, Stage, Weights, check_complete
+from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs
 
 PLAIN = ("encoder", "decoder")
 """Parts of the network without style."""
@@ -33,39 +32,6 @@ STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
 """Name of each stage, and what is trained in it."""
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """Stages and steps.
-
-    Attributes:
-        epochs: Of the stages; one alone for a network without style.
-        scenes: Scenes of each environment in a step; the style of a step is the mean code of its own scenes.
-        most: Scenes of each environment that are trained on, the first ones; None for all.
-        style_weight: Factor of the style loss in the last stage.
-        negatives_only: See ``style_loss``.
-    """
-
-    epochs: tuple[int, ...]
-    scenes: int = 64
-    most: int | None = 9000
-    style_weight: float = 1.0
-    negatives_only: bool = False
-
-    def __post_init__(self) -> None:
-        """Raise SpecError for values that make no training."""
-        if len(self.epochs) not in (1, len(STAGES)) or self.epochs[-1] == 0:
-            raise SpecError(
-                f"`epochs={self.epochs}` must be one number for a network without style, {len(STAGES)} for one with "
-                "it, with at least one epoch in the last stage."
-            )
-        for epochs in self.epochs:
-            whole_number("epochs", epochs, 0, 1_000_000)
-        whole_number("scenes", self.scenes, 2, 1_000_000)
-        number("style_weight", self.style_weight)
-        if self.most is not None:
-            whole_number("most", self.most, 2, 10**9)
-
-
 def mean_code(environments: Sequence[Pairs], weights: Weights) -> Tensor:
     """Mean style code [M, 8] of environments, each counting the same; on the CPU."""
     with torch.no_grad():
@@ -76,57 +42,65 @@ def mean_code(environments: Sequence[Pairs], weights: Weights) -> Tensor:
 class StyleProgram(Program):
     """Training of the two-agent network on a set of environments.
 
+    The first stage minimises the objective of the predictor, the others the sum of all errors. The style of a step is
+    the mean code of its own scenes.
+
     Args:
-        train: Windows of each environment.
+        predictor: A ``StyleErm``; one with a style has four stages.
+        train: Windows of each environment, of two agents each.
         validation: Windows that weights are selected on, of the same environments in the same order.
-        objective: What is minimised in the first stage; after it, the sum of all errors is.
-        schedule: Stages and steps.
         device: Where to train.
-        config: What else the result depends on.
+        epochs: Of the stages; by default those of the released program.
+        scenes: Scenes of each environment in a step.
+        most: Scenes of each environment that are trained on, the first ones; None for all.
 
     Raises:
+        SpecError: a number is not allowed.
         PredictorError: nothing to train on, scenes of another number of agents than two, or one environment alone
             where several are compared.
     """
 
     def __init__(
         self,
+        predictor: Any,
         train: Sequence[Truth],
         validation: Sequence[Truth],
-        objective: Objective,
-        schedule: Schedule,
+        *,
         device: torch.device,
-        config: Mapping[str, Any],
+        epochs: Sequence[int] | None = None,
+        scenes: int = 64,
+        most: int | None = 9000,
     ):
+        epochs = check_epochs(predictor.name, predictor.epochs if epochs is None else epochs, len(predictor.epochs))
+        self.scenes, most = whole_number("scenes", scenes, 2, 1_000_000), optional(whole(2, 10**9))("most", most)
+        self.objective: Objective = predictor.objective
+        self.device, self.styled = device, len(epochs) > 1
         check_complete(train, validation)
-        if len(train) < 2 and (objective.compares or len(schedule.epochs) > 1):
+        if len(train) < 2 and (self.objective.compares or self.styled):
             raise PredictorError(
                 "Training compares environments (the objective, or the style loss), and the training set has one "
                 "alone: give at least two, one Truth for each, or train `style_erm`."
             )
-        train = [pick_scenes(t, slice(0, schedule.most)) for t in train]
+        train = [pick_scenes(t, slice(0, most)) for t in train]
         fewest = min(truth.observation.scenes for truth in train)
-        if fewest < schedule.scenes:
+        if fewest < scenes:
             raise PredictorError(
-                f"An environment has {fewest} scenes, and a step takes {schedule.scenes} of each: give more, or lower "
-                "`scenes`."
+                f"An environment has {fewest} scenes, and a step takes {scenes} of each: give more, or lower `scenes`."
             )
-        self.objective, self.schedule, self.device = objective, schedule, device
         self.train = [Pairs.of(truth, device) for truth in train]
         self.validation = [Pairs.of(truth, device) for truth in validation]
         self.dt = train[0].observation.dt
-        self.styled = len(schedule.epochs) > 1
         self.stages = [
-            Stage(name, epochs, {part: RATES[part] for part in parts}, selects=count == len(schedule.epochs))
-            for count, (epochs, (name, parts)) in enumerate(zip(schedule.epochs, STAGES, strict=False), 1)
+            Stage(name, count, {part: RATES[part] for part in parts}, selects=number == len(epochs))
+            for number, (count, (name, parts)) in enumerate(zip(epochs, STAGES, strict=False), 1)
         ]
         self.config = {
-            **config,
+            "predictor": predictor.name,
+            "objective": type(self.objective).__name__,
+            **vars(self.objective),
             # Not those of the last stage: a training can be resumed to go on for longer.
-            "epochs_before": list(schedule.epochs[:-1]),
-            "scenes": schedule.scenes,
-            "style_weight": schedule.style_weight,
-            "negatives_only": schedule.negatives_only,
+            "epochs_before": list(epochs[:-1]),
+            "scenes": scenes,
             "train": [digest(t) for t in train],
             "validation": [digest(v) for v in validation],
         }
@@ -152,25 +126,23 @@ class StyleProgram(Program):
         """Losses [M] of the steps of an epoch: as many scenes of each environment, in an order of the epoch alone."""
         rng = np.random.default_rng([epoch, len(self.train)])
         shuffled = [pairs.take(torch.from_numpy(rng.permutation(len(pairs))).to(self.device)) for pairs in self.train]
-        size = self.schedule.scenes
+        size = self.scenes
         for step in range(min(map(len, self.train)) // size):
             parts = [pairs.take(slice(step * size, (step + 1) * size)) for pairs in shuffled]
             yield self._loss(parts, weights, state, stage)
 
     def _loss(self, parts: list[Pairs], weights: Weights, state: Tensor, stage: int) -> Tensor:
-        environment = torch.arange(len(parts), device=self.device).repeat_interleave(self.schedule.scenes)
+        environment = torch.arange(len(parts), device=self.device).repeat_interleave(self.scenes)
         codes = None
         loss = torch.zeros(len(weights["encoder.bias1"]), device=self.device)
         if stage > 0:
             codes = pair_network.code(torch.cat([part.path for part in parts]), weights)
             if stage != 2:
-                weight = 1.0 if stage == 1 else self.schedule.style_weight
-                embedded = pair_network.embed(codes, weights)
-                loss = loss + weight * style_loss(embedded, environment, self.schedule.negatives_only)
+                loss = loss + style_loss(pair_network.embed(codes, weights), environment)
             if stage == 1:
                 return loss
             means = codes.unflatten(1, (len(parts), -1)).mean(dim=2, keepdim=True)
-            codes = means.expand(-1, -1, self.schedule.scenes, -1).flatten(1, 2)
+            codes = means.expand(-1, -1, self.scenes, -1).flatten(1, 2)
         history = torch.cat([part.history for part in parts])
         forecast = pair_network.forecast(history, codes, weights)
         target = torch.cat([part.moves for part in parts])
@@ -181,7 +153,7 @@ class StyleProgram(Program):
             target.new_full((FUTURE, agents), 1 / (FUTURE * AGENTS)),
             torch.arange(len(history), device=self.device).repeat_interleave(AGENTS),
             environment.repeat_interleave(AGENTS),
-            target.new_full((len(parts),), self.schedule.scenes),
+            target.new_full((len(parts),), self.scenes),
         )
         return loss + (self.objective if stage == 0 else Erm())(risks, state)
 
@@ -191,7 +163,7 @@ class StyleProgram(Program):
         for seen, pairs in zip(self.train, self.validation, strict=True):
             codes = None
             if self.styled:
-                codes = pair_network.code(seen.path[: self.schedule.scenes], weights).mean(dim=1, keepdim=True)
+                codes = pair_network.code(seen.path[: self.scenes], weights).mean(dim=1, keepdim=True)
             total += pairs.errors(pair_network.forecast(pairs.history, codes, weights)).sum(dim=(1, 2))
             count += AGENTS * len(pairs)
         return total / count

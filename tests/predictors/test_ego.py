@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym as mg
-from motion_gym.contract import Observation, PredictorError, Truth
+from motion_gym.contract import Observation, PredictorError, SpecError, Truth
 from motion_gym.data.domains import training_set
 from motion_gym.metrics.errors import score
 from motion_gym.predictors.constant_velocity import ConstantVelocity
@@ -131,7 +131,7 @@ def test_partly_known_training_windows_are_refused(data):
     partly = [dataclasses.replace(data[0][0], known=known), *data[0][1:]]
     with pytest.raises(PredictorError, match="give complete windows"):
         EgoErm().fit(partly, data[1], 0)
-    with pytest.raises(PredictorError, match="needs one number"):
+    with pytest.raises(SpecError, match="must be a list of 1 for ego_erm"):
         EgoErm().fit(*data, 0, epochs=(1, 1))
     with pytest.raises(PredictorError, match="0 environments"):
         EgoErm().fit([], [], 0)

@@ -120,9 +120,9 @@ def test_scenes_of_another_number_of_agents_are_refused(modular):
 @pytest.mark.parametrize(
     ("kind", "options", "error", "reason"),
     [
-        (Modular, {"epochs": (1,)}, PredictorError, "has 4 stages"),
-        (StyleErm, {"epochs": (1, 1, 1, 1)}, PredictorError, "has 1 stages"),
-        (StyleErm, {"epochs": (1, 1)}, SpecError, "must be one number for a network without style"),
+        (Modular, {"epochs": (1,)}, SpecError, "must be a list of 4 for modular, a number for each stage"),
+        (StyleErm, {"epochs": (1, 1, 1, 1)}, SpecError, "must be a list of 1 for style_erm"),
+        (StyleErm, {"epochs": 3}, SpecError, "must be a list of 1"),
         (StyleErm, {"epochs": (0,)}, SpecError, "at least one epoch in the last stage"),
         (StyleErm, {"epochs": (1,), "scenes": 100}, PredictorError, "a step takes 100 of each"),
     ],

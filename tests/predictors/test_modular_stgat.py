@@ -139,7 +139,7 @@ def crowd_dt(made):
 
 def test_what_cannot_be_trained_on_is_refused(crowd):
     train, validation = training_set(crowd)
-    with pytest.raises(SpecError, match="must be six numbers"):
+    with pytest.raises(SpecError, match="must be a list of 6"):
         ModularStgat().fit(train, validation, epochs=(1, 1, 1))
     with pytest.raises(PredictorError, match="give at least two"):
         ModularStgat().fit(train[:1], validation[:1], epochs=SHORT)

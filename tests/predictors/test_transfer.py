@@ -117,7 +117,7 @@ def test_what_cannot_be_tuned_is_refused(source, target):
         mg.evaluate(made, target, shots=640)
     with pytest.raises(SpecError, match="is shown scenes of split `train`"):
         mg.evaluate(made, target, shots=64, split="train")
-    with pytest.raises(SpecError, match=r"no `parts=modulater`.*Did you mean `modulator`"):
+    with pytest.raises(SpecError, match=r"`parts=modulater` .*Did you mean `modulator`"):
         Transfer(source, parts="modulater")
     slow = target.windows("train")
     slow = Truth(slow.future, slow.known, dataclasses.replace(slow.observation, dt=0.1))

@@ -18,10 +18,11 @@ from motion_gym.predictors.ego import EgoModular
 from motion_gym.predictors.networks import kernels
 from motion_gym.predictors.stgat import Erm, GroupDro, Invariant, VRex
 from motion_gym.predictors.training import objectives
-from motion_gym.predictors.training.stgat_training import Schedule, StgatProgram
+from motion_gym.predictors.training.stgat_training import StgatProgram
 from motion_gym.training import loop as training
 
 EPOCHS = (1, 1, 3)
+CPU = torch.device("cpu")
 ErmNoSigma = functools.partial(Erm, sigma=False)
 Counterfactual = functools.partial(Erm, counterfactual=True)
 
@@ -87,7 +88,7 @@ def test_a_finished_training_goes_on_as_if_it_had_never_ended(data, tmp_path):
 
 def test_an_objective_begins_every_stage_anew(data):
     made = GroupDro(rate=0.5)
-    program = program_of(data, Schedule((2, 1, 2), joint=True), made)
+    program = StgatProgram(made, *data, device=CPU, epochs=(2, 1, 2), joint=True)
     starts = []
     program.state = lambda models: starts.append(models) or StgatProgram.state(program, models)
     run = training._Run(program, [0], torch.device("cpu"))
@@ -314,7 +315,7 @@ def test_a_full_disk_leaves_the_last_checkpoint(data, tmp_path, monkeypatch):
 def test_plain_operations_of_torch_give_the_same_gradients(data, kind, stage, monkeypatch):
     """What runs on a GPU against what runs on the CPU, on the CPU."""
     made = kind()
-    program = made.program(*data, device=torch.device("cpu"), joint=True)
+    program = made.program(made, *data, device=CPU, joint=True)
 
     def gradients():
         weights = {name: value.requires_grad_() for name, value in program.initial([0, 1]).items()}
@@ -334,7 +335,7 @@ def test_plain_operations_of_torch_give_the_same_gradients(data, kind, stage, mo
 
 def test_a_card_has_the_error_of_the_weights_that_are_kept(data):
     made = ErmNoSigma().fit(*data, [0, 3], epochs=(1, 1, 2))
-    program = made.program(*data, device=torch.device("cpu"), epochs=(1, 1, 2))
+    program = made.program(made, *data, device=CPU, epochs=(1, 1, 2))
     generators = [
         training._generator(s, e - 1, training.VALIDATION, torch.device("cpu"))
         for s, e in zip((0, 3), made.card["epoch"], strict=True)
@@ -346,7 +347,7 @@ def test_a_card_has_the_error_of_the_weights_that_are_kept(data):
 
 
 def test_steps_in_turn_hold_every_scene_once(data):
-    program = program_of(data, Schedule(scenes=10))
+    program = StgatProgram(Erm(), *data, device=CPU, scenes=10)
     seen = np.concatenate([batch.steps.numpy()[1, :, 0] for batch in program._in_turn()])
     every = np.concatenate([truth.observation.xy[:, 1, 0] - truth.observation.xy[:, 0, 0] for truth in data[0]])
     np.testing.assert_allclose(seen, every, atol=1e-4)
@@ -354,15 +355,9 @@ def test_steps_in_turn_hold_every_scene_once(data):
 
 def test_joint_steps_hold_every_environment(data):
     uneven = [[pick_scenes(data[0][0], slice(0, 12)), *data[0][1:]], data[1]]
-    program = program_of(uneven, Schedule(scenes=12, joint=True))
+    program = StgatProgram(Erm(), *uneven, device=CPU, scenes=12, joint=True)
     assert len(list(program._shuffled(0))) == 13
     for step in program._shuffled(1):
         assert [len(scenes) for _, scenes in step] == [4, 4, 4]
     first, again, other = (np.concatenate([s for step in program._shuffled(e) for _, s in step]) for e in (1, 1, 2))
     assert np.array_equal(first, again) and not np.array_equal(first, other)
-
-
-def program_of(data, schedule, made=None):
-    """The program of a predictor, ERM by default, on a schedule."""
-    made = made or Erm()
-    return StgatProgram(*data, 3, made._inputs, made.objective, False, schedule, torch.device("cpu"), {})
