@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -190,8 +190,3 @@ def who_was_scored(truth: Truth, recorded: Mapping[str, int]) -> str:
         f"{said}: {len(truth.future)} of the {recorded['recorded_agent_windows']} agent-windows and {agents} of the "
         f"{recorded['recorded_agents']} agents of the recordings"
     )
-
-
-def common_seeds(cards: Sequence[Scorecard]) -> SeedsCard:
-    """The card of several seeds, by the seed of their weights."""
-    return SeedsCard({card.seed if card.weights_seed is None else card.weights_seed: card for card in cards})
