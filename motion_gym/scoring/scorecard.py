@@ -94,7 +94,6 @@ class Scorecard:
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("values", "truth")}
         plain |= {"unit": self.domain.unit, "dt": self.domain.dt, "horizon_seconds": self.horizon_seconds}
         units = {row.name: row for row in metric_rows(self.k, self.domain.unit)}
-        plain["domain"] = dataclasses.asdict(self.domain)
         plain["aggregation"] = (
             "mean over agent-windows; ADE, FDE and MR_2m of the most likely sample; min*: best sample of each agent; "
             "J*: best sample of each scene; intervals: 95 %, bootstrap of whole agents and of the draws of reference "
@@ -108,10 +107,7 @@ class Scorecard:
             }
             for name, s in self.metrics.items()
         }
-        plain["versus_baseline"] = {
-            "baseline": BASELINE,
-            **{name: dataclasses.asdict(d) for name, d in self.versus_baseline.items()},
-        }
+        plain["versus_baseline"] = {"baseline": BASELINE, **self.versus_baseline}
         return in_json(plain)  # type: ignore[no-any-return]
 
     def __str__(self) -> str:
