@@ -16,7 +16,7 @@ from motion_gym import catalog
 from motion_gym.benchmarks import store as stores
 from motion_gym.benchmarks.identity import answered_by, canonical
 from motion_gym.benchmarks.objects import (
-    BASELINE,
+    FILTERS,
     NONE,
     ORACLE,
     SEEDS,
@@ -208,7 +208,7 @@ def score_stream(row: Any, of: str, oracle: Any, arguments: str, **options: Any)
     """Card of a row around a predictor on a stream, and the result in JSON types.
 
     Args:
-        row: Spec of an adapter, a class of adapters, ``constant_velocity`` or ``oracle``.
+        row: Spec of an adapter, a class of adapters, one of ``FILTERS`` or ``oracle``.
         of: Predictor that is adapted.
         oracle: Specs of the oracle's predictors.
         arguments: Of ``stream``, as JSON.
@@ -220,7 +220,7 @@ def score_stream(row: Any, of: str, oracle: Any, arguments: str, **options: Any)
     if row == ORACLE:
         predictor: Any = TargetOracle(oracle)
     else:
-        predictor = catalog.predictor(BASELINE) if row == BASELINE else catalog.adapter(row, of)
+        predictor = catalog.predictor(row) if row in FILTERS else catalog.adapter(row, of)
     card = evaluate_online(predictor, _played(arguments), **options)
     return card, {"row": row if isinstance(row, str) else row.__name__, "of": of, **card.as_dict()}
 
@@ -234,7 +234,7 @@ def _played(arguments: str) -> Any:
 
 def rows_of(these: Shifts) -> tuple[str, ...]:
     """Rows of a table of shifts."""
-    return (BASELINE, NONE, ORACLE, *these.rows)
+    return (*FILTERS, NONE, ORACLE, *these.rows)
 
 
 def best_settings(tried: Tried) -> dict[str, str]:

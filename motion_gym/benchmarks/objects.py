@@ -23,6 +23,8 @@ SEEDS = (0, 1, 2, 3, 4)
 """Seeds of weights, of fits, and of streams."""
 BASELINE, NONE, ORACLE = "constant_velocity", "none", "oracle"
 """Rows that are in every online table."""
+FILTERS = (BASELINE, "constant_velocity:velocity=4", "kalman_velocity")
+"""Training-free rows, which are in every table."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ class Shifts:
         """Identity of a run of a row around a predictor."""
         oracle = self.oracle_of(stream["seed"]) if row == ORACLE else {}
         around = [oracle] if isinstance(oracle, str) else list(oracle.values())
-        predictors = [row] if row == BASELINE else [row, of, *around]
+        predictors = [row] if row in FILTERS else [row, of, *around]
         places = [domain(spec) for spec in dict.fromkeys(stream["domains"])]
         return stream_identity(row, predictors, of, name_of_stream(json.dumps(stream)), places, {}, session)
 

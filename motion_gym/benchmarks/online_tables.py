@@ -12,6 +12,7 @@ import numpy as np
 
 from motion_gym.benchmarks.claims import Panel
 from motion_gym.benchmarks.conditions import Result, intervals, leaks, measured, unit_of
+from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE
 from motion_gym.benchmarks.online_scores import first_shift, gain_of, growth_on_return, on_domain, recovered
 from motion_gym.benchmarks.seed_tables import SEEDS, Errors
 from motion_gym.benchmarks.table import Code, Strong, Table, interval, number, span, spread
@@ -19,7 +20,6 @@ from motion_gym.online.evaluation import LABELS
 from motion_gym.online.scores import BLOCK, PHASE, TRAIL, after_first
 
 Rows = Mapping[str, Sequence[Result]]
-BASELINE, NONE, ORACLE = "constant_velocity", "none", "oracle"
 MILESTONES = (50, 100, 150, 200, 250, 300)
 """Matured forecasts after a shift."""
 LEGEND = {
@@ -44,7 +44,7 @@ def stream_table(title: str, rows: Rows, settings: Mapping[str, str] | None = No
         settings: Spec of each row, where it is not its name.
     """
     everything = [result for results in rows.values() for result in results]
-    ordered = {row: rows[row] for row in sorted(rows, key=lambda row: (row == ORACLE, row not in (BASELINE, NONE)))}
+    ordered = {row: rows[row] for row in sorted(rows, key=lambda row: (row == ORACLE, row not in (*FILTERS, NONE)))}
     names = list(dict.fromkeys(segment["domain"] for segment in everything[0]["segments"]))
     single = all(len(results) == 1 for results in rows.values())
     cells = {
@@ -151,7 +151,7 @@ def summary_table(titles: Mapping[str, str], sudden: Mapping[str, Rows]) -> Tabl
             after = spread(after_first(result) for result in results)
             told = after if share is None or row in (NONE, ORACLE) else f"{after} ({share:.2f})"
             cells.setdefault(row.replace(",every=4", ""), {})[name] = told
-    order = sorted(cells, key=lambda row: (row == ORACLE, row not in (BASELINE, NONE)))
+    order = sorted(cells, key=lambda row: (row == ORACLE, row not in (*FILTERS, NONE)))
     rows_of_cells = [[Code(row), *(cells[row].get(name, "-") for name in titles)] for row in order]
     everything = {name: [r for results in rows.values() for r in results] for name, rows in sudden.items()}
     together = [result for results in everything.values() for result in results]

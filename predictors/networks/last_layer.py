@@ -65,8 +65,10 @@ class LastLayer:
     moves: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("inputs", "weight"):  # copies of an adapter share them
-            array = getattr(self, name).view()
+        for name, value in list(vars(self).items()):  # copies of an adapter share them
+            if not isinstance(value, np.ndarray):
+                continue
+            array = value.view()
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 

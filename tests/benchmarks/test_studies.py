@@ -12,7 +12,7 @@ from motion_gym.benchmarks import figures, seed_tables, studies, study_tables
 from motion_gym.benchmarks.objects import Part
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import pick_scenes
-from motion_gym.predictors import transfer
+from motion_gym.predictors.adapters import transfer
 from motion_gym.predictors.training import pretraining
 from motion_gym.predictors.training.transfer_training import PARTS
 from motion_gym.stepping.harness import ask

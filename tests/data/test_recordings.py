@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -284,14 +283,3 @@ def test_the_original_annotation_of_eth_is_read_by_columns() -> None:
     check_recording(recording)
     assert len(recording.frame) == 8908
     assert recording.xy[0] == pytest.approx([8.4568443, 3.5880664])
-
-
-@real
-def test_the_training_files_of_eth_are_read_quickly() -> None:
-    seconds = []
-    for _ in range(3):
-        start = time.perf_counter()
-        for name in (*TRAINING, "uni_examples"):
-            read_recording(REAL / f"{name}.txt")
-        seconds.append(time.perf_counter() - start)
-    assert min(seconds) < 0.4  # measured 0.04 s; the margin is for a busy machine

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from motion_gym.benchmarks.claims import NOWHERE, Claim
-from motion_gym.benchmarks.objects import Benchmark, Drawing, Part, Study, weighted
+from motion_gym.benchmarks.objects import FILTERS, Benchmark, Drawing, Part, Study, weighted
 
 STYLES = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances d that predictors are tested with."""
@@ -36,7 +36,7 @@ def _styles(
 def _shots(title: str, d: float, batches: Sequence[int], trained: Sequence[str], weights: str, **how: Any) -> Part:
     domains = {str(n): f"orca:d={d}" for n in batches}
     shots = {str(n): 64 * n for n in batches if n}
-    return Part(title, domains, ("constant_velocity",), trained, weights, references=0, shots=shots, **how)
+    return Part(title, domains, FILTERS, trained, weights, references=0, shots=shots, **how)
 
 
 STYLE = Benchmark(
@@ -47,7 +47,7 @@ STYLE = Benchmark(
             "Style shift: trained with d = 0.1, 0.3, 0.5",
             ("style_erm", "style_invariant", "modular", "modular_invariant", *EGO),
             "style",
-            plain=("constant_velocity", "linear", "orca_oracle"),
+            plain=(*FILTERS, "linear", "orca_oracle"),
             references=REFERENCES,
         ),
         _styles(
@@ -61,7 +61,7 @@ STYLE = Benchmark(
             EGO,
             "style/blind",
             ",radius=7",
-            ("constant_velocity", "linear", "orca_oracle"),
+            (*FILTERS, "linear", "orca_oracle"),
             references=REFERENCES,
         ),
     ),
@@ -102,7 +102,7 @@ CROWD = Benchmark(
             ("erm_no_sigma", "modular_stgat"),
             "style/crowd",
             ",agents=10,scenes=1000",
-            ("constant_velocity", "linear"),
+            (*FILTERS, "linear"),
             references=REFERENCES,
             samples=1,
         ),
@@ -119,14 +119,14 @@ REFINEMENT = Benchmark(
             "Refinement towards 64 reference scenes, by the number of steps",
             ("modular_invariant", "refine:steps=1", "refine", "refine:steps=10", "refine:steps=30", *REFINED),
             "style",
-            plain=("constant_velocity",),
+            plain=FILTERS,
             references=REFERENCES,
         ),
         _styles(
             "Refinement by the published protocol",
             ("modular_invariant", "refine", *REFINED),
             "style",
-            plain=("constant_velocity",),
+            plain=FILTERS,
             protocol="paper",
         ),
     ),
