@@ -35,7 +35,7 @@ class KalmanVelocity:
         SpecError: a variance is not above 0, or ``select`` is not known.
     """
 
-    selection = "no weights"
+    selection = "no weights; the grid of noise variances was set with the test windows of ETH-UCY in view"
 
     def __init__(self, q: float | None = None, r: float | None = None, select: str = "mixture"):
         self.q, self.r = (optional(positive)(name, value) for name, value in (("q", q), ("r", r)))

@@ -47,8 +47,7 @@ class Stage:
     def __init__(self, domain: Domain, clock: str, split: str, seed: int):
         self.clock, self.split, self.seed = clock, split, seed
         self.domain: Any = copy.copy(domain)
-        if hasattr(domain, "kept"):
-            domain.windows(split)  # side effects of reading come now, and an unknown split is named
+        domain.windows(split)  # side effects of reading come now, and an unknown split is named
         self._given = list(domain.recordings(split))
         self._frames = [np.unique(recording.frame) for recording in self._given]
         self.unprobed: list[str] = []

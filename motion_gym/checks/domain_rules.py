@@ -19,7 +19,6 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.checks.report import CheckError, NotChecked, Rule, broken_if
 from motion_gym.contract import HISTORY, Card, DataError, MotionGymError, Recording, Truth
-from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.overlap import shared_people
 from motion_gym.data.recordings import check_recording
 from motion_gym.data.windows import Tracks, check_truth, counts
@@ -40,7 +39,7 @@ class DomainTrial:
 
     def __init__(self, domain: Any):
         self.domain = domain
-        self._kept: dict[str, Any] = {}
+        self._kept: dict[str, Sequence[Recording]] = {}
 
     @property
     def card(self) -> Card:
@@ -53,14 +52,12 @@ class DomainTrial:
         """Valid recordings of a split; NotChecked if they are not."""
         if split not in self._kept:
             try:
-                self._kept[split] = recordings_problem(self.domain, split)
+                self._kept[split] = checked_recordings(self.domain, split)
             except DataError:
                 raise
             except Exception as error:
-                self._kept[split] = f"recordings({split!r}) raised {type(error).__name__}: {error}"
-        if isinstance(self._kept[split], str):
-            raise NotChecked(self._kept[split])
-        return self._kept[split]  # type: ignore[no-any-return]
+                raise NotChecked(f"recordings({split!r}) cannot be used: {error}") from error
+        return self._kept[split]
 
     def windows(self, split: str) -> Truth:
         """Windows of a split; NotChecked if there are none to look at."""
@@ -73,12 +70,6 @@ class DomainTrial:
 
 def members(trial: DomainTrial) -> None:
     """The class is a RecordedDomain, with card and recordings(split)."""
-    broken_if(
-        not isinstance(trial.domain, RecordedDomain),
-        f"{type(trial.domain).__name__} is no RecordedDomain: subclass motion_gym.RecordedDomain, and define "
-        "recordings(split).",
-    )
-    broken_if(not callable(trial.domain.recordings), "recordings cannot be called: make it a method recordings(split).")
     broken_if(
         not isinstance(trial.domain.card, Card),
         f"card is a {type(trial.domain.card).__name__}: leave it as RecordedDomain defines it.",
@@ -146,12 +137,11 @@ def recordings(trial: DomainTrial) -> None:
     """Recordings are valid."""
     for split in (*SPLITS, "reference"):
         try:
-            problem = recordings_problem(trial.domain, split)
-        except DataError:
+            checked_recordings(trial.domain, split)
+        except (CheckError, DataError):
             raise
         except Exception:
             continue  # rule `splits` says so
-        broken_if(isinstance(problem, str), str(problem))
 
 
 def dt(trial: DomainTrial) -> None:
@@ -185,10 +175,7 @@ def windows(trial: DomainTrial) -> None:
 
 def features(trial: DomainTrial) -> None:
     """Features depend on the history that is given, and on nothing else."""
-    domain = trial.domain
-    if not domain.feature_names:
-        return
-    problem = features_problem(domain, trial.recordings("test"))
+    problem = features_problem(trial.domain, trial.recordings("test"))
     broken_if(problem, problem)
 
 
@@ -246,18 +233,20 @@ def pickle(trial: DomainTrial) -> None:
     _same_elsewhere(trial, lambda: pickling.loads(pickling.dumps(trial.domain)), remedy)
 
 
-def recordings_problem(domain: Any, split: str) -> Sequence[Recording] | str:
-    """The recordings of a split, or what is wrong with them."""
+def checked_recordings(domain: Any, split: str) -> Sequence[Recording]:
+    """The recordings of a split; CheckError if they are not valid."""
     listed = domain.recordings(split)
-    if not isinstance(listed, Sequence) or not all(isinstance(r, Recording) for r in listed):
-        return f"recordings({split!r}) must be a list of motion_gym.contract.Recording."
+    broken_if(
+        not isinstance(listed, Sequence) or not all(isinstance(r, Recording) for r in listed),
+        f"recordings({split!r}) must be a list of motion_gym.contract.Recording.",
+    )
     for recording in listed:
         try:
             if len(recording.frame):
                 check_recording(recording)
         except MotionGymError as error:
-            return f"recordings({split!r}): {error}"
-    return listed
+            raise CheckError(f"recordings({split!r}): {error}") from error
+    return listed  # type: ignore[no-any-return]
 
 
 def features_problem(domain: Any, recordings: Sequence[Recording]) -> str:
@@ -266,6 +255,8 @@ def features_problem(domain: Any, recordings: Sequence[Recording]) -> str:
     Called with the same steps in another order of agents, each agent must keep its feature; called with steps that are
     moved, by half a metre or by a millimetre, a feature with a value of its own for most agents must change.
     """
+    if not domain.feature_names:
+        return ""
     histories = [t.around(np.flatnonzero(t.age >= HISTORY - 1))[0][:, :HISTORY] for t in map(Tracks.of, recordings)]
     history = np.concatenate([np.zeros((0, HISTORY, 2)), *histories])
     rng = np.random.default_rng(0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -96,7 +95,7 @@ class _Tape:
 
 def leak_probe(
     predictor: str | Predictor,
-    domain: str | Domain | None = None,
+    domain: str | Domain,
     *,
     clock: str = "stream",
     split: str = "test",
@@ -134,11 +133,9 @@ def leak_probe(
         PredictorError: the predictor broke its contract.
         DataError: data is missing or damaged.
     """
-    predictor, domain = _in_order(predictor, domain)
     if clock not in CLOCKS:
         raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
-    if isinstance(cuts, bool) or not isinstance(cuts, int) or cuts < 1:
-        raise SpecError(f"`cuts={cuts}` must be a whole number, 1 or more: the times after which data is changed.")
+    cuts = catalog.whole_number("cuts", cuts, 1, 10**9)
     place = catalog.domain(domain, **parameters)
     stage = Stage(place, clock, split, seed)
     player, unprobed = predictor, stage.unprobed
@@ -151,9 +148,8 @@ def leak_probe(
     times = stage.cuts(cuts)
     first = _play(stage, player, max(times), seed, None)
     leaks = {fault: fault for fault in first.faults}
-    if getattr(place, "feature_names", ()):
-        problem = features_problem(place, place.recordings(split))
-        leaks |= {"features": problem} if problem else {}
+    if problem := features_problem(place, place.recordings(split)):
+        leaks["features"] = problem
     checked: Counter[str] = Counter()
     side_channels: dict[str, float] = {}
     for cut in times:
@@ -180,21 +176,6 @@ def leak_probe(
         unprobed=tuple(unprobed),
         leaks=tuple(leaks.values()),
     )
-
-
-def _in_order(predictor: Any, domain: Any) -> tuple[Any, Any]:
-    """Predictor and domain, also where they are given in the order of earlier versions: domain, predictor."""
-    named = isinstance(predictor, str) and catalog.parse_spec(predictor)[0] in catalog.DOMAINS
-    if not named and not hasattr(predictor, "recordings"):
-        if domain is None:
-            raise SpecError("leak_probe needs a domain: leak_probe(predictor, domain).")
-        return predictor, domain
-    warnings.warn(
-        "leak_probe(domain, predictor) is the order of earlier versions: write leak_probe(predictor, domain).",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    return ("constant_velocity" if domain is None else domain), predictor
 
 
 def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | None) -> _Tape:

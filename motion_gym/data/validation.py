@@ -59,8 +59,8 @@ def _checked(forecast: Any, observation: Observation, samples: int | None, name:
     # that is finite in float64 may not be in float32.
     with np.errstate(over="ignore"):
         positions = np.array(positions, np.float32)
-    finite = np.isfinite(positions).all(axis=(1, 2, 3))
-    if not finite.all():
+    if not np.isfinite(positions).all():
+        finite = np.isfinite(positions).all(axis=(1, 2, 3))
         row = int(np.flatnonzero(~finite)[0])
         raise PredictorError(
             f"{name} returned NaN or infinite positions for {int((~finite).sum())} of {agents} agents, the first in "

@@ -15,7 +15,8 @@ from typing import Any
 
 from motion_gym.contract import SpecError
 from motion_gym.data.storage import StorageError, cache_folder, check_writable, write_atomic
-from motion_gym.online.run import Run, not_copied
+from motion_gym.online.run import Run
+from motion_gym.stepping.harness import not_copied
 from motion_gym.stepping.snapshot import snapshot
 
 MARK = b"motion-gym checkpoint 2\n"

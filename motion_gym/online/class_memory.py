@@ -28,20 +28,17 @@ def no_class_memory(predictor: Any, name: str) -> Iterator[None]:
     Raises:
         PredictorError: a class attribute was changed, added or removed.
     """
-    classes = list(_classes(predictor, {}))
-    before = {kind: {key: snapshot(value) for key, value in _attributes(kind).items()} for kind in classes}
-    copies = {kind: _copies(_attributes(kind)) for kind in classes}
+    before = {kind: {k: snapshot(v) for k, v in _attributes(kind).items()} for kind in _classes(predictor, {})}
+    copies = {kind: _copies(_attributes(kind)) for kind in before}
     touched: list[str] = []
     try:
         yield
     finally:
-        for kind in classes:
-            now = _attributes(kind)
-            for key in now.keys() | before[kind].keys():
-                if key in now and key in before[kind] and snapshot(now[key]) == before[kind][key]:
-                    continue
+        for kind, held in before.items():
+            now = {key: snapshot(value) for key, value in _attributes(kind).items()}
+            for key in (key for key in now | held if now.get(key) != held.get(key)):
                 touched.append(f"{kind.__name__}.{key}")
-                if key not in before[kind]:
+                if key not in held:
                     delattr(kind, key)
                 elif key in copies[kind]:
                     setattr(kind, key, copies[kind][key])

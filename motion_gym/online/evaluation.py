@@ -14,11 +14,11 @@ from motion_gym import catalog
 from motion_gym.contract import FUTURE, DataError, Domain, Predictor, PredictorError, SpecError
 from motion_gym.online.checkpoints import Checkpoint, identity_of
 from motion_gym.online.class_memory import no_class_memory
-from motion_gym.online.run import Options, Run, copied
+from motion_gym.online.run import Options, Run
 from motion_gym.online.scores import OnlineCard, SegmentScore, curve_of, returns_of, shifts_of, summary_of
 from motion_gym.online.streams import Stream, stream
 from motion_gym.scoring.cards import declared_leaks, peak_memory
-from motion_gym.stepping.harness import name_of, ready, selection_of
+from motion_gym.stepping.harness import copied, name_of, ready, selection_of
 
 LABELS = {
     "matured": "each scene's ground truth is revealed once, after its last forecast step or when its last agent left",
@@ -93,9 +93,7 @@ def evaluate_online(
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
     options = Options(labels, scope, realtime, cost, seed)
     played = on if isinstance(on, Stream) else stream(on)
-    # A copy, since ``ready`` resets what it is given.
-    own = predictor if isinstance(predictor, (str, type)) else copied(predictor)
-    runner = ready(own, played.domains[0], seed)
+    runner = ready(copied(predictor), played.domains[0], seed)
     name = predictor if isinstance(predictor, str) else name_of(runner)
     if scope == "place" and hasattr(runner, "observe") and not hasattr(runner, "reset"):
         raise PredictorError(f"{name} learns (`observe`) and cannot forget: `scope=place` needs a method `reset`.")

@@ -15,7 +15,7 @@ from motion_gym.metrics.errors import distance, mean_over_known
 from motion_gym.online.per_agent import PerAgent
 from motion_gym.online.streams import Stream
 from motion_gym.stepping.clocks import Settled, Step
-from motion_gym.stepping.harness import ask, guarded, name_of, tell
+from motion_gym.stepping.harness import ask, copied, guarded, name_of, tell
 from motion_gym.stepping.snapshot import changed, snapshot
 
 
@@ -99,17 +99,14 @@ class Run:
         measured = options.realtime and options.cost is None
         if not measured:
             self._learn(truth, now)
-        began = time.perf_counter()
         # Asked as often as is cheap, at times that tell nothing about the length of the stream.
-        if self.at & (self.at - 1) == 0 and _learns(self.predictor):
-            held = snapshot(self.predictor)
-            began = time.perf_counter()
-            forecast = ask(self.predictor, self.step.observation, 1, options.seed)
-            self.seconds[self.at, 1] = time.perf_counter() - began
+        looked_at = self.at & (self.at - 1) == 0 and _learns(self.predictor)
+        held = snapshot(self.predictor) if looked_at else {}
+        began = time.perf_counter()
+        forecast = ask(self.predictor, self.step.observation, 1, options.seed)
+        self.seconds[self.at, 1] = time.perf_counter() - began
+        if looked_at:
             self._check_pure(held, forecast.positions)
-        else:
-            forecast = ask(self.predictor, self.step.observation, 1, options.seed)
-            self.seconds[self.at, 1] = time.perf_counter() - began
         if measured:  # the update runs meanwhile: it is of use from the next step on, at the earliest
             self._learn(truth, now)
         self.step = self.clock.step(forecast)
@@ -181,22 +178,6 @@ class Run:
         self.columns["fde"][rows] = np.where(matured, error[:, FUTURE - 1], np.nan)
         self.columns["made"][rows], self.columns["person"][rows] = settled.made, settled.person
         self.count = rows.stop
-
-
-def copied(predictor: Any) -> Any:
-    """A copy of a predictor; PredictorError if it cannot be copied."""
-    try:
-        return copy.deepcopy(predictor)
-    except Exception as error:
-        raise not_copied(predictor, error) from error
-
-
-def not_copied(predictor: Any, error: Exception) -> PredictorError:
-    """The error for a predictor that cannot be copied or pickled."""
-    return PredictorError(
-        f"{name_of(predictor)} cannot be copied and kept ({error}): let it hold nothing that cannot be pickled, as "
-        "locks, open files and lambdas."
-    )
 
 
 def _learns(predictor: Any) -> bool:

@@ -148,10 +148,6 @@ class OnlineCard:
         """All of it in plain types, except the values of each forecast."""
         fields = (f.name for f in dataclasses.fields(self) if f.name not in ("values", "made", "person"))
         plain: dict[str, Any] = {name: getattr(self, name) for name in fields}
-        for name in ("segments", "shifts"):
-            plain[name] = [dataclasses.asdict(item) for item in plain[name]]
-        for name in ("ade", "fde"):
-            plain[name] = dataclasses.asdict(plain[name])
         plain["aggregation"] = (
             "each forecast was stored before its truth was told, and scored before it was learned from; means over "
             "matured agent-forecasts, most likely sample; 95 % intervals by bootstrap of whole agents"

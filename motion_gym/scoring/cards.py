@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import resource
 import sys
@@ -76,7 +77,9 @@ def peak_memory() -> int:
 
 
 def in_json(value: Any) -> Any:
-    """The value in JSON types; what is not finite becomes None."""
+    """The value in JSON types; dataclasses become dicts, and what is not finite becomes None."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = dataclasses.asdict(value)
     if isinstance(value, Mapping):
         return {str(key): in_json(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

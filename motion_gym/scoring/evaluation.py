@@ -12,17 +12,17 @@ from typing import Any, overload
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.contract import MOST_SAMPLES, Domain, Forecast, Predictor, PredictorError, SpecError, Truth
+from motion_gym.contract import MOST_SAMPLES, Domain, Forecast, Predictor, SpecError, Truth
 from motion_gym.data.domains import spec_of
 from motion_gym.data.windows import counts, pick_scenes
 from motion_gym.metrics.bootstrap import paired_difference, summarise
 from motion_gym.metrics.errors import error_by_horizon, score
 from motion_gym.scoring.cards import declared_leaks, is_shipped, peak_memory
-from motion_gym.scoring.scorecard import BASELINE, Scorecard, SeedsCard, common_seeds, compare, who_was_scored
+from motion_gym.scoring.scorecard import BASELINE, Scorecard, SeedsCard, compare, who_was_scored
 from motion_gym.scoring.shown import show_references, show_shots
 from motion_gym.scoring.verification import keep, verify
 from motion_gym.stepping.dicts import forecast_to_dict, observation_from_dict
-from motion_gym.stepping.harness import ask, name_of, ready, selection_of, tell, windows_of_domain
+from motion_gym.stepping.harness import ask, copied, name_of, ready, selection_of, tell, windows_of_domain
 from motion_gym.stepping.pettingzoo_env import ForecastEnv
 
 __all__ = ["BASELINE", "PROTOCOLS", "Scorecard", "SeedsCard", "compare", "default_k", "evaluate"]
@@ -134,9 +134,8 @@ def evaluate(
     place = catalog.domain(domain, **parameters)
     if seeds is None:
         return _scored(predictor, place, options)
-    return common_seeds(
-        [_scored(spec, place, dataclasses.replace(options, seed=s)) for s, spec in _by_seed(predictor, seeds, seed)]
-    )
+    cards = [_scored(spec, place, dataclasses.replace(options, seed=s)) for s, spec in _by_seed(predictor, seeds, seed)]
+    return SeedsCard({card.seed if card.weights_seed is None else card.weights_seed: card for card in cards})
 
 
 def default_k(protocol: str) -> int:
@@ -150,7 +149,7 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
     truth = windows_of_domain(place, split)
     if not len(truth.future):
         raise SpecError(f"Split `{split}` of {place!r} has no agent to score.")
-    instance = ready(_copied(predictor), place, options.seed)
+    instance = ready(copied(predictor), place, options.seed)
     observes, tunes, honest = hasattr(instance, "observe"), hasattr(instance, "tune"), protocol == "honest"
     if observes and not honest and options.through == "environment":
         raise SpecError("The paper protocol shows a predictor the batch it forecasts: use through='arrays'.")
@@ -202,19 +201,6 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
         values={name: value if value.ndim == 1 else value.mean(axis=0) for name, value in values.items()},
         truth=truth,
     )
-
-
-def _copied(predictor: Any) -> Any:
-    """A copy of what the caller gives, since it is reset and taught."""
-    if isinstance(predictor, (str, type)):
-        return predictor
-    try:
-        return copy.deepcopy(predictor)
-    except Exception as error:
-        raise PredictorError(
-            f"{name_of(predictor)} cannot be copied ({type(error).__name__}: {error}): a copy is scored, so that yours "
-            "stays as it is. Let it hold no locks and open files, or give its class."
-        ) from error
 
 
 def _forecast(predictor: Any, place: Domain, truth: Truth, options: Options) -> tuple[Forecast, Truth, str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,7 +94,6 @@ class Scorecard:
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("values", "truth")}
         plain |= {"unit": self.domain.unit, "dt": self.domain.dt, "horizon_seconds": self.horizon_seconds}
         units = {row.name: row for row in metric_rows(self.k, self.domain.unit)}
-        plain["domain"] = dataclasses.asdict(self.domain)
         plain["aggregation"] = (
             "mean over agent-windows; ADE, FDE and MR_2m of the most likely sample; min*: best sample of each agent; "
             "J*: best sample of each scene; intervals: 95 %, bootstrap of whole agents and of the draws of reference "
@@ -108,10 +107,7 @@ class Scorecard:
             }
             for name, s in self.metrics.items()
         }
-        plain["versus_baseline"] = {
-            "baseline": BASELINE,
-            **{name: dataclasses.asdict(d) for name, d in self.versus_baseline.items()},
-        }
+        plain["versus_baseline"] = {"baseline": BASELINE, **self.versus_baseline}
         return in_json(plain)  # type: ignore[no-any-return]
 
     def __str__(self) -> str:
@@ -190,8 +186,3 @@ def who_was_scored(truth: Truth, recorded: Mapping[str, int]) -> str:
         f"{said}: {len(truth.future)} of the {recorded['recorded_agent_windows']} agent-windows and {agents} of the "
         f"{recorded['recorded_agents']} agents of the recordings"
     )
-
-
-def common_seeds(cards: Sequence[Scorecard]) -> SeedsCard:
-    """The card of several seeds, by the seed of their weights."""
-    return SeedsCard({card.seed if card.weights_seed is None else card.weights_seed: card for card in cards})

@@ -31,7 +31,7 @@ def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: b
     Raises:
         ActionError: it is something else.
     """
-    if not isinstance(action, np.ndarray) or action.dtype not in (np.float32, np.float64):
+    if not isinstance(action, np.ndarray) or action.dtype.char not in "fd":
         kind = f"dtype {action.dtype}" if isinstance(action, np.ndarray) else f"type {type(action).__name__}"
         raise ActionError(f"{name} has {kind}, not a float32 array: use numpy.asarray(action, dtype=numpy.float32).")
     if action.shape != shape and not (one_sample and shape[0] == 1 and action.shape == shape[1:]):
@@ -39,7 +39,7 @@ def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: b
             f"{name} has shape {action.shape}, expected {shape}; the last three axes are K samples, {FUTURE} future "
             "steps, and x and y in metres."
         )
-    if action.dtype == np.float64:
+    if action.dtype.char == "d":
         with np.errstate(over="ignore"):  # values beyond float32 become infinite, and the environment refuses these
             action = action.astype(np.float32)
-    return action.reshape(shape)
+    return action if action.shape == shape else action.reshape(shape)

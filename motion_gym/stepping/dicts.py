@@ -62,24 +62,27 @@ def infos_of(settled: Settled, names: Mapping[int, str]) -> dict[str, dict[str, 
         settled: Whole scenes.
         names: Name by the clock's id, of the agents in the dicts of this step.
     """
-    seen, reporter = settled.truth.observation, settled.identity.copy()
+    seen, reporter = settled.truth.observation, settled.identity
     scene = seen.scene_index
-    here = np.array([identity in names for identity in reporter.tolist()])
-    if not here.all():
-        rows = np.flatnonzero(here)
-        reporter[~here] = settled.identity[rows[np.searchsorted(scene[rows], scene[~here])]]
+    gone = np.array([identity not in names for identity in reporter.tolist()])
+    if gone.any():
+        rows = np.flatnonzero(~gone)
+        reporter = reporter.copy()
+        reporter[gone] = reporter[rows[np.searchsorted(scene[rows], scene[gone])]]
     order = np.argsort(reporter, kind="stable")
     columns = {
-        "agent": seen.agent[order],
-        "row": (np.arange(len(scene)) - seen.scene[scene])[order],
-        "history": seen.history[order],
-        "future": settled.truth.future[order],
-        "known": settled.truth.known[order],
-        "forecast": settled.forecast.positions[order],
-        "made": settled.made[order],
+        "agent": seen.agent,
+        "row": np.arange(len(scene)) - seen.scene[scene],
+        "history": seen.history,
+        "future": settled.truth.future,
+        "known": settled.truth.known,
+        "forecast": settled.forecast.positions,
+        "made": settled.made,
     }
-    identity, start = np.unique(reporter[order], return_index=True)
-    parts = zip(identity.tolist(), start, [*start[1:], len(order)], strict=True)
+    columns = {key: column.take(order, axis=0) for key, column in columns.items()}
+    reporter = reporter[order]
+    start = np.flatnonzero(np.diff(reporter, prepend=-1))
+    parts = zip(reporter[start].tolist(), start.tolist(), [*start[1:].tolist(), len(order)], strict=True)
     return {names[i]: {key: column[a:b] for key, column in columns.items()} for i, a, b in parts}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
 import inspect
 from typing import Any
@@ -80,6 +81,26 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
     if hasattr(instance, "reset"):
         guarded(instance, "reset")
     return instance
+
+
+def copied(predictor: Any) -> Any:
+    """A copy of a predictor, so that what the caller gave stays as it is; a name or a class is returned as it is.
+
+    Raises:
+        PredictorError: the predictor cannot be copied.
+    """
+    try:
+        return copy.deepcopy(predictor)
+    except Exception as error:
+        raise not_copied(predictor, error) from error
+
+
+def not_copied(predictor: Any, error: Exception) -> PredictorError:
+    """The error for a predictor that cannot be copied or pickled."""
+    return PredictorError(
+        f"{name_of(predictor)} cannot be copied ({type(error).__name__}: {error}): let it hold nothing that cannot be "
+        "pickled, as locks, open files and lambdas, or give its class."
+    )
 
 
 def windows_of_domain(domain: Domain, split: str) -> Truth:

@@ -74,9 +74,11 @@ class Outstanding:
         """
         if made in self._stored:
             raise PredictorError(f"A forecast made at {made} is stored already: a time is forecast once.")
-        # Copies, so that the caller cannot change them later.
         checked = check_forecast(forecast, observation, None, f"The predictor, asked at {made},")
-        self._stored[made] = Stored(made, frozen(observation), checked)
+        # Copied unless read-only, so that the caller cannot change it later.
+        arrays = (observation.history, observation.scene, observation.agent, observation.time)
+        read_only = all(a is None or (a.flags.owndata and not a.flags.writeable) for a in arrays)
+        self._stored[made] = Stored(made, observation if read_only else frozen(observation), checked)
 
     def settle(
         self, made: int | Sequence[int], future: Any, known: Any, person: np.ndarray | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from pettingzoo import ParallelEnv
 
 from motion_gym import catalog
-from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, SpecError
+from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, PredictorError, SpecError
 from motion_gym.data.windows import positions_only
 from motion_gym.stepping.actions import action_space, checked_action
 from motion_gym.stepping.clocks import Settled, Step
@@ -128,7 +128,14 @@ class ForecastEnv(ParallelEnv):
         """
         forecast = self._forecast(actions)
         before, last = self.agents, self._step
-        step = self.clock.step(forecast)
+        try:
+            step = self.clock.step(forecast)
+        except PredictorError:
+            finite = np.isfinite(forecast.positions).all(axis=(1, 2, 3))
+            bad = before[int(np.argmin(finite))]
+            raise ActionError(
+                f"Action of `{bad}` has NaN or infinite positions: every position must be finite."
+            ) from None
         self._enter(step)
         stay = set(self.agents)
         left = [i for i, name in enumerate(before) if name not in stay]
@@ -185,9 +192,6 @@ class ForecastEnv(ParallelEnv):
         stacked = np.stack(
             [checked_action(actions[n], shape, f"Action of `{n}`", one_sample=True) for n in self.agents]
         )
-        if not np.isfinite(stacked).all():
-            bad = self.agents[int(np.flatnonzero(~np.isfinite(stacked).all(axis=(1, 2, 3)))[0])]
-            raise ActionError(f"Action of `{bad}` has NaN or infinite positions: every position must be finite.")
         return Forecast(stacked)
 
     def _show(self, settled: Settled | None) -> None:

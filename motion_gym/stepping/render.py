@@ -61,11 +61,7 @@ class Canvas:
     ):
         self.origin = np.zeros(2) if origin is None else origin
         self.title, self.extent, self.unit, self.fps = title, extent, unit, fps
-        self.time = 0
-        self.observation: Observation | None = None
-        self.forecast: Forecast | None = None
-        self.truth: Truth | None = None
-        self.paths: np.ndarray | None = None
+        self._shown: tuple[Any, ...] | None = None
         self._figure: Figure | None = None
 
     def update(
@@ -85,8 +81,7 @@ class Canvas:
             forecast: The forecasts just settled, if any.
             paths: [A, K, 13, 2], further forecasts, not settled yet, each from where it started.
         """
-        self.time, self.observation, self.truth, self.forecast = time, observation, truth, forecast
-        self.paths = paths
+        self._shown = time, observation, truth, forecast, paths
 
     def image(self, mode: str | None) -> np.ndarray | None:
         """The picture, [H, W, 3] uint8; None in human mode.
@@ -96,7 +91,7 @@ class Canvas:
         """
         if mode is None:
             raise SpecError("The environment was made without a render_mode: make it with render_mode='rgb_array'.")
-        if self.observation is None:
+        if self._shown is None:
             raise SpecError("There is nothing to render yet: call reset() first.")
         if mode == "human":
             return None
@@ -106,7 +101,7 @@ class Canvas:
         if self._figure is None:
             self._figure = Figure(figsize=SIZE, dpi=100)
             FigureCanvasAgg(self._figure)
-        self._draw(self._figure)
+        self._draw(self._figure, *self._shown)
         canvas: Any = self._figure.canvas
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
@@ -117,7 +112,7 @@ class Canvas:
 
         if self._figure is None:
             self._figure = plt.figure(figsize=SIZE)
-        self._draw(self._figure)
+        self._draw(self._figure, *(self._shown or ()))
         if plt.get_backend().lower() not in WINDOWLESS:
             plt.pause(1 / self.fps)
 
@@ -132,7 +127,15 @@ class Canvas:
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_figure": None}
 
-    def _draw(self, figure: Figure) -> None:
+    def _draw(
+        self,
+        figure: Figure,
+        time: int,
+        observation: Observation,
+        truth: Truth | None,
+        forecast: Forecast | None,
+        paths: np.ndarray | None,
+    ) -> None:
         from matplotlib.lines import Line2D
         from matplotlib.patheffects import withStroke
 
@@ -152,21 +155,20 @@ class Canvas:
                 axis.set_major_formatter(partial(_shifted, shift))
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
-        if self.paths is not None:
-            _fan(axes, self.paths)
-        if self.truth is not None and self.forecast is not None:
-            self._settled(axes, self.truth, self.forecast)
-        now = 0 if self.observation is None else len(self.observation)
-        if self.observation is not None and now:
-            xy = self.observation.xy
+        if paths is not None:
+            _fan(axes, paths)
+        if truth is not None and forecast is not None:
+            _settled(axes, truth, forecast)
+        if now := len(observation):
+            xy = observation.xy
             axes.plot(*xy.transpose(2, 1, 0), color=HISTORY_COLOR, linewidth=1.8, solid_capstyle="round")
             axes.plot(*xy[:, -1].T, "o", color=HISTORY_COLOR, markersize=5)
             label: Any = dict(textcoords="offset points", fontsize=8, color="#4a5568")
             label["path_effects"] = [withStroke(linewidth=2.5, foreground="white")]
-            for number, place in zip(self.observation.agent, xy[:, -1], strict=True) if now <= LABELLED else ():
+            for number, place in zip(observation.agent, xy[:, -1], strict=True) if now <= LABELLED else ():
                 axes.annotate(str(number), place, (5, 4), **label)
         # Above the axes, where they cover nothing.
-        figure.text(0.03, 0.955, f"{self.title}, step {self.time}, {now} agent{'' if now == 1 else 's'}", fontsize=11)
+        figure.text(0.03, 0.955, f"{self.title}, step {time}, {now} agent{'' if now == 1 else 's'}", fontsize=11)
         handles = [
             Line2D([], [], color=HISTORY_COLOR, linewidth=1.8, label="history"),
             Line2D([], [], color=TRUTH_COLOR, linestyle=":", linewidth=2.0, label="truth"),
@@ -174,16 +176,17 @@ class Canvas:
         ]
         figure.legend(handles=handles, loc="upper right", ncols=3, fontsize=9, frameon=False)
 
-    def _settled(self, axes: Any, truth: Truth, forecast: Forecast) -> None:
-        """Forecasts with what came of them."""
-        last = truth.observation.xy[:, -1]
-        samples = forecast.positions.shape[1]
-        start = np.broadcast_to(last[:, None, None], (len(last), samples, 1, 2))
-        _fan(axes, np.concatenate([start, forecast.positions], axis=2))
-        for origin, future, known in zip(last, truth.future, truth.known, strict=True):
-            path = np.concatenate([origin[None], future[known]])
-            axes.plot(*path.T, ":", color=TRUTH_COLOR, linewidth=2.0)
-            axes.plot(*path[-1:].T, "s", color=TRUTH_COLOR, markersize=3.5)
+
+def _settled(axes: Any, truth: Truth, forecast: Forecast) -> None:
+    """Forecasts with what came of them."""
+    last = truth.observation.xy[:, -1]
+    samples = forecast.positions.shape[1]
+    start = np.broadcast_to(last[:, None, None], (len(last), samples, 1, 2))
+    _fan(axes, np.concatenate([start, forecast.positions], axis=2))
+    for origin, future, known in zip(last, truth.future, truth.known, strict=True):
+        path = np.concatenate([origin[None], future[known]])
+        axes.plot(*path.T, ":", color=TRUTH_COLOR, linewidth=2.0)
+        axes.plot(*path[-1:].T, "s", color=TRUTH_COLOR, markersize=3.5)
 
 
 def _shifted(shift: float, value: float, _: Any) -> str:

@@ -15,14 +15,45 @@ _NO_STATE = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionTy
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, np.generic)
 
 
-def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(value: Any, path: str = "", seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
     """Walk through attributes, mappings and sequences to what they end in.
+
+    Args:
+        value: Where the walk begins.
+        path: Its path.
+        seen: Ids of the objects that were walked through, which are left out.
 
     Yields:
         Path as one would write it, and an array, a plain value or the state of a random generator. Tensors are seen as
         arrays. Functions, modules, classes and what hides its attributes are left out.
     """
-    yield from _walk(value, path, set())
+    seen = set() if seen is None else seen
+    if isinstance(value, (*_PLAIN, np.ndarray)):
+        yield path, value
+        return
+    if isinstance(value, _NO_STATE) or id(value) in seen:
+        return
+    seen.add(id(value))
+    if callable(getattr(value, "detach", None)) and callable(getattr(value, "cpu", None)):
+        yield path, value.detach().cpu().numpy()
+    elif isinstance(value, np.random.Generator):
+        yield path, repr(value.bit_generator.state)
+    elif isinstance(value, (np.random.RandomState, random.Random)):
+        state = value.get_state() if isinstance(value, np.random.RandomState) else value.getstate()
+        yield path, repr([part.tobytes() if isinstance(part, np.ndarray) else part for part in state])
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from leaves(item, f"{path}[{key!r}]", seen)
+    elif isinstance(value, (set, frozenset)):
+        for item in value:
+            yield f"{path}{{{item!r}}}", True
+    elif isinstance(value, (list, tuple)) or type(value).__name__ == "deque":
+        for index, item in enumerate(value):
+            yield from leaves(item, f"{path}[{index}]", seen)
+    else:
+        slots = [name for kind in type(value).__mro__ for name in _slots(kind) if hasattr(value, name)]
+        for name in (*getattr(value, "__dict__", ()), *slots):
+            yield from leaves(getattr(value, name), f"{path}.{name}" if path else name, seen)
 
 
 def snapshot(thing: Any) -> dict[str, Any]:
@@ -82,35 +113,6 @@ def _global_states(torch: Any) -> dict[str, Any]:
     if torch:
         states["torch"] = torch.get_rng_state().numpy().tobytes()
     return states
-
-
-def _walk(value: Any, path: str, seen: set[int]) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, (*_PLAIN, np.ndarray)):
-        yield path, value
-        return
-    if isinstance(value, _NO_STATE) or id(value) in seen:
-        return
-    seen.add(id(value))
-    if callable(getattr(value, "detach", None)) and callable(getattr(value, "cpu", None)):
-        yield path, value.detach().cpu().numpy()
-    elif isinstance(value, np.random.Generator):
-        yield path, repr(value.bit_generator.state)
-    elif isinstance(value, (np.random.RandomState, random.Random)):
-        state = value.get_state() if isinstance(value, np.random.RandomState) else value.getstate()
-        yield path, repr([part.tobytes() if isinstance(part, np.ndarray) else part for part in state])
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _walk(item, f"{path}[{key!r}]", seen)
-    elif isinstance(value, (set, frozenset)):
-        for item in value:
-            yield f"{path}{{{item!r}}}", True
-    elif isinstance(value, (list, tuple)) or type(value).__name__ == "deque":
-        for index, item in enumerate(value):
-            yield from _walk(item, f"{path}[{index}]", seen)
-    else:
-        slots = [name for kind in type(value).__mro__ for name in _slots(kind) if hasattr(value, name)]
-        for name in (*getattr(value, "__dict__", ()), *slots):
-            yield from _walk(getattr(value, name), f"{path}.{name}" if path else name, seen)
 
 
 def _slots(kind: type) -> tuple[str, ...]:

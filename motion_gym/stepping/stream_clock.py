@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 
 import numpy as np
@@ -62,13 +63,16 @@ class StreamClock:
             self.dt,
         )
         self._features = [features] * len(parts) if callable(features) else list(features)
-        self._ends = ticks[1:]
+        self._ends = ticks[1:].tolist()
         observable = np.flatnonzero(self.tracks.age >= HISTORY - 1)
         observable = observable[np.argsort(self.tracks.tick[observable], kind="stable")]
         self.times, start = np.unique(self.tracks.tick[observable], return_index=True)
         self.count = len(observable)
         rows = np.split(observable, start[1:]) if len(observable) else []
         self._rows = dict(zip(self.times.tolist(), rows, strict=True))
+        # An agent is known to have left at the step at which it is missed.
+        longest = np.minimum(np.maximum.reduceat(self.tracks.left[observable], start) + 1, FUTURE) if rows else start
+        self._known_at = dict(zip(self._rows, (self.times + longest).tolist(), strict=True))
         # Numbered as they enter: a number that counted those yet to come would tell the future.
         _, first, identity = np.unique(self.tracks.track[observable], return_index=True, return_inverse=True)
         self.size = len(first)
@@ -135,10 +139,12 @@ class StreamClock:
         now = self.time
         rows = self._rows.get(now, _NO_ROWS)
         # All rows are of one recording.
-        recording = int(np.searchsorted(self._ends, now, side="right")) if len(rows) else 0
+        recording = bisect_right(self._ends, now) if len(rows) else 0
         history = self._features[recording](*self.tracks.around(rows)).astype(np.float32)
         scene, time = (np.array([0, len(rows)]), np.array([now])) if len(rows) else (np.zeros(1, np.int64), rows)
         identity = self._identity[rows]
+        for array in (history, scene, identity, time):
+            array.flags.writeable = False  # the ledger keeps them as they are
         self._observation = Observation(history, scene, identity, self.dt, time)
         return Step(self._observation, identity, reward, settled)
 
@@ -161,12 +167,10 @@ class StreamClock:
         """Settle the scenes of which everything is known; these are the oldest."""
         times, rows = [], []
         for stored in self.ledger:
-            own = self._rows[stored.made]
-            # An agent is known to have left at the step at which it is missed.
-            if now < stored.made + min(int(self.tracks.left[own].max()) + 1, FUTURE):
+            if now < self._known_at[stored.made]:
                 break
             times.append(stored.made)
-            rows.append(own)
+            rows.append(self._rows[stored.made])
         if not times:
             return None
         row = np.concatenate(rows)
@@ -175,8 +179,6 @@ class StreamClock:
         return Settled(forecast, truth, self._identity[row], person, self.tracks.tick[row])
 
     def _future(self, rows: np.ndarray, until: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [A, 12, 2] after the given rows, zero where not known, and known [A, 12], up to a step."""
+        """Positions [A, 12, 2] after the given rows, of use where known, and known [A, 12], up to a step."""
         known = np.minimum(self.tracks.left[rows], until)[:, None] >= _AHEAD
-        future = self.tracks.xy[np.where(known, rows[:, None] + _AHEAD, rows[:, None])]
-        future[~known] = 0
-        return future, known
+        return self.tracks.xy[np.where(known, rows[:, None] + _AHEAD, rows[:, None])], known

@@ -21,9 +21,8 @@ class WindowsClock:
     def __init__(self, truth: Truth):
         self.truth = truth
         self.size = len(truth.future)
-        self.time = 0
-        self.ledger = Outstanding(keep=True)
         self._window = truth.observation.scene_index
+        self.reset()
 
     @property
     def extent(self) -> np.ndarray:

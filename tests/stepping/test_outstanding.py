@@ -1,5 +1,7 @@
 """Forecasts that wait for their truth."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,16 @@ def test_what_was_stored_is_out_of_reach():
     future[:], known[:] = 7, False
     assert stored.positions.any() and truth.observation.history.any()
     assert (truth.future == 1).all() and truth.known.all()
+
+
+def test_a_read_only_view_of_what_the_caller_can_write_is_copied():
+    waiting, seen = Outstanding(), observation()
+    view = dataclasses.replace(seen, history=seen.history[:])
+    for array in (view.history, view.scene, view.agent):
+        array.flags.writeable = False
+    waiting.store(0, view, forecast())
+    seen.history[:] = 0
+    assert next(iter(waiting)).observation.history.any()
 
 
 def test_positions_alone_can_be_stored():

@@ -228,4 +228,5 @@ def test_axes_show_the_coordinates_of_the_source(make):
     for axis, first in ((axes.xaxis, 471_000), (axes.yaxis, 5_501_000)):
         shown = [float(label.get_text()) for label in axis.get_ticklabels()]
         assert len(shown) > 2 and all(first - 50 < value < first + 50 for value in shown)
-    assert np.abs(env._canvas.observation.history).max() < 1000, "predictors are shown positions near the origin"
+    history = env.domain.windows("test").observation.history
+    assert np.abs(history).max() < 1000, "predictors are shown positions near the origin"
