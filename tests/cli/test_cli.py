@@ -353,7 +353,7 @@ def test_progress_bar_and_tables_do_not_mix(folder, shared):
     ours, theirs = os.openpty()
     with (folder / "out.txt").open("w") as out:
         process = subprocess.Popen(
-            [sys.executable, "-m", "motion_gym.cli.main", "score", "linear", "--domain", "orca:scenes=3000"],
+            [sys.executable, "-m", "motion_gym.cli.main", "score", "linear", "--domain", "orca:scenes=800"],
             cwd=folder,
             env={**os.environ, "COLUMNS": "80", "TERM": "xterm"},
             stdout=theirs if shared else out,
@@ -367,8 +367,8 @@ def test_progress_bar_and_tables_do_not_mix(folder, shared):
         os.close(ours)
         assert process.wait(60) == 0
     text = seen.decode() if shared else (folder / "out.txt").read_text()
-    assert "linear on orca:d=0.3,scenes=3000" in seen.decode()
-    before, title, after = text.partition("\x1b[1morca:d=0.3,scenes=3000" if shared else "orca:d=0.3,scenes=3000\n")
+    assert "linear on orca:d=0.3,scenes=800" in seen.decode()
+    before, title, after = text.partition("\x1b[1morca:d=0.3,scenes=800" if shared else "orca:d=0.3,scenes=800\n")
     assert title and before.rpartition("\x1b[2K")[2] == ""  # the bar was erased
     assert " on orca:" not in after and len(rows(after)) == 3
     assert shared or ("\x1b" not in text and "ADE" not in seen.decode())

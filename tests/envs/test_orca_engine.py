@@ -110,8 +110,9 @@ def test_scenes_far_from_the_zero_point_have_the_same_paths(shift):
 
 @pytest.mark.parametrize("agents", [2, 5, 10])
 def test_agrees_with_rvo2(agents):
-    radius = np.resize([0.1, 0.3, 0.6], 200)
-    start = circle_crossing(200, agents, radius, seed=agents)
+    scenes = 360 // agents
+    radius = np.resize([0.1, 0.3, 0.6], scenes)
+    start = circle_crossing(scenes, agents, radius, seed=agents)
     simulation = simulate(start, -start, radius=radius, every=1)
     assert_agrees(simulation, rvo2(start, -start, radius))
     share = (simulation.first_infeasible >= 0).any(axis=1).mean()
