@@ -124,7 +124,9 @@ def _scene_panels(study: Study, path: Path, colors: Mapping[str, Any]) -> None:
     points = np.concatenate([history, future], axis=1).reshape(-1, 2)
     width, height = np.nanmax(points, axis=0) - np.nanmin(points, axis=0)
     across = len(study["panels"]) if height > width else 1
-    figure = Figure(figsize=(10, 5 if across > 1 else 2.7 * len(study["panels"])), layout="constrained")
+    single = len(study["panels"]) == 1
+    size = (7, 6) if single else (10, 5 if across > 1 else 2.7 * len(study["panels"]))
+    figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(len(study["panels"]) // across, across, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, (title, forecasts) in zip(panels, study["panels"].items(), strict=True):
         _draw_agents(axes, history, "observed", color="0.6", linewidth=2)
@@ -133,7 +135,7 @@ def _scene_panels(study: Study, path: Path, colors: Mapping[str, Any]) -> None:
         )
         for name, positions in forecasts.items():
             lines = np.concatenate([history[:, -1:], np.array(positions)], axis=1)
-            _draw_agents(axes, lines, name, color=colors[name], linewidth=1)
+            _draw_agents(axes, lines, name, color=colors[name], linewidth=1.8 if single else 1)
         axes.set_title(title, fontsize=10)
         axes.set_aspect("equal", adjustable="box")
         axes.set(xlabel=f"x, {study['unit']}", ylabel=f"y, {study['unit']}")
