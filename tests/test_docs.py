@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from motion_gym.benchmarks import pages, running
+from motion_gym.benchmarks import running
 from motion_gym.benchmarks.objects import BASELINE
+from motion_gym.benchmarks.reports import pages
 from motion_gym.benchmarks.store import SHIPPED
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
-from motion_gym.benchmarks.claims import Claim
 from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
+from motion_gym.benchmarks.reports.claims import Claim
 from motion_gym.contract import SpecError
 from motion_gym.online.streams import stream_name
 

@@ -17,9 +17,9 @@ from motion_gym import catalog
 from motion_gym.benchmarks.identity import facts_of, label_of, row_name, shipped_card, windows_identity
 from motion_gym.benchmarks.jobs import Job, compute_missing, score_stream, stream_job
 from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part, Shifts, with_parameters
+from motion_gym.benchmarks.reports.table import Code, Table, interval, p_text
 from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.store import Run
-from motion_gym.benchmarks.table import Code, Table, interval, p_text
 from motion_gym.contract import SpecError
 from motion_gym.metrics.bootstrap import clustered_interval, paired_difference
 from motion_gym.scoring.cards import in_json

@@ -71,7 +71,7 @@ class Results:
 
     def __str__(self) -> str:
         """The tables that ``motion-gym run`` prints, as Markdown."""
-        from motion_gym.benchmarks import pages  # which needs what is defined here
+        from motion_gym.benchmarks.reports import pages  # which needs what is defined here
 
         missing = [f"Not shown: {row}: {reason}" for row, reason in self.missing.items()]
         return "\n\n".join([*(table.markdown() for table in pages.short(self)), *missing])

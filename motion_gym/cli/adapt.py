@@ -12,7 +12,7 @@ from motion_gym import catalog
 from motion_gym.benchmarks import store
 from motion_gym.benchmarks.identity import canonical, digest_of, stream_identity
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
-from motion_gym.benchmarks.online_tables import stream_table
+from motion_gym.benchmarks.reports.online_tables import stream_table
 from motion_gym.cli.output import Out, console, progress_bar, reporter, say, session_of
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.storage import StorageError, cache_folder

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import tyro
 
 from motion_gym import catalog
-from motion_gym.benchmarks.table import Table
+from motion_gym.benchmarks.reports.table import Table
 from motion_gym.cli.output import console
 from motion_gym.contract import DataError, PredictorError, SpecError
 from motion_gym.scoring.evaluation import BASELINE

@@ -39,7 +39,7 @@ def draw(
     windows = windows_of_domain(place, split)
     scene = catalog.whole_number("scene", scene, 0, windows.observation.scenes - 1)
     truth = pick_scenes(windows, [scene])
-    from motion_gym.benchmarks import figures  # matplotlib takes half a second
+    from motion_gym.benchmarks.reports import figures  # matplotlib takes half a second
 
     unknown_left_out = np.where(truth.known[..., None], truth.future, np.nan)
     scene_drawn = {

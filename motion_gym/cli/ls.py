@@ -8,8 +8,8 @@ from typing import Annotated
 import tyro
 
 from motion_gym import catalog
+from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import BENCHMARKS, benchmark
-from motion_gym.benchmarks.table import Table
 from motion_gym.cli.output import console, say
 from motion_gym.contract import SpecError
 from motion_gym.data import datasets

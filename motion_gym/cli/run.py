@@ -9,7 +9,8 @@ from typing import Annotated
 import tyro
 
 from motion_gym.benchmarks import jobs as run_jobs
-from motion_gym.benchmarks import marked_block, running, store
+from motion_gym.benchmarks import running, store
+from motion_gym.benchmarks.reports import marked_block
 from motion_gym.cli.output import Out, Text, console, progress_bar, reporter, say, session_of
 from motion_gym.contract import PredictorError
 from motion_gym.data.storage import StorageError
@@ -57,7 +58,7 @@ def run(
         into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the table into.
         pack: Put the runs of OUT into OUT/BENCHMARK.jsonl.xz, as they ship.
     """
-    from motion_gym.benchmarks import pages
+    from motion_gym.benchmarks.reports import pages
 
     chosen = running.benchmark(benchmark)
     folder = (out or FOLDER) / chosen.name

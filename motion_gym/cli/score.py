@@ -9,9 +9,10 @@ import tyro
 from rich.markup import escape
 
 from motion_gym import catalog
-from motion_gym.benchmarks import score_tables, store
+from motion_gym.benchmarks import store
 from motion_gym.benchmarks.identity import windows_identity
 from motion_gym.benchmarks.objects import takes_weights, with_parameters
+from motion_gym.benchmarks.reports import score_tables
 from motion_gym.cli.output import Out, console, progress_bar, say, session_of
 from motion_gym.contract import Domain, PredictorError, SpecError
 from motion_gym.data.domains import spec_of

@@ -8,8 +8,9 @@ import pytest
 
 import motion_gym
 from motion_gym import catalog
-from motion_gym.benchmarks import pages, running
+from motion_gym.benchmarks import running
 from motion_gym.benchmarks.identity import canonical, question
+from motion_gym.benchmarks.reports import pages
 from motion_gym.benchmarks.store import SHIPPED, Store
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import digest, pick_scenes

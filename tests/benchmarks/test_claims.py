@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from motion_gym.benchmarks.claims import (
+from motion_gym.benchmarks.reports.claims import (
     FAILS,
     HOLDS,
     NOT_EVERYWHERE,
@@ -21,9 +21,9 @@ from motion_gym.benchmarks.claims import (
     reference_panel,
     verdict,
 )
-from motion_gym.benchmarks.claims_page import page, verdict_table
-from motion_gym.benchmarks.sentences import CLAIMS
-from motion_gym.benchmarks.significance import holm, paired_p
+from motion_gym.benchmarks.reports.claims_page import page, verdict_table
+from motion_gym.benchmarks.reports.sentences import CLAIMS
+from motion_gym.benchmarks.reports.significance import holm, paired_p
 from motion_gym.contract import SpecError
 
 

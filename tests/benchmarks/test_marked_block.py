@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motion_gym.benchmarks import marked_block
+from motion_gym.benchmarks.reports import marked_block
 from motion_gym.contract import DataError
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import motion_gym
-from motion_gym.benchmarks import online_scores, online_tables
-from motion_gym.benchmarks import table as table_module
+from motion_gym.benchmarks.reports import online_scores, online_tables
+from motion_gym.benchmarks.reports import table as table_module
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.online.scores import BLOCK, EVERY, TRAIL
 

@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 import motion_gym
-from motion_gym.benchmarks import score_tables
-from motion_gym.benchmarks.conditions import in_order
+from motion_gym.benchmarks.reports import score_tables
+from motion_gym.benchmarks.reports.conditions import in_order
 from motion_gym.contract import DataError
 from tests.scored_runs import scored
 

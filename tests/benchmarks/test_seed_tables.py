@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from motion_gym.benchmarks import published_tables, seed_tables
 from motion_gym.benchmarks.objects import Part
+from motion_gym.benchmarks.reports import published_tables, seed_tables
 from motion_gym.contract import DataError
 from tests.scored_runs import scored
 

@@ -8,8 +8,9 @@ import pytest
 
 import motion_gym
 from motion_gym import catalog
-from motion_gym.benchmarks import figures, seed_tables, studies, study_tables
+from motion_gym.benchmarks import studies
 from motion_gym.benchmarks.objects import Part
+from motion_gym.benchmarks.reports import figures, seed_tables, study_tables
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.adapters import transfer

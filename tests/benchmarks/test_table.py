@@ -10,7 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from motion_gym.benchmarks.table import Code, Strong, Table, interval, number, p_text, pair, percent, span, spread
+from motion_gym.benchmarks.reports.table import (
+    Code,
+    Strong,
+    Table,
+    interval,
+    number,
+    p_text,
+    pair,
+    percent,
+    span,
+    spread,
+)
 from motion_gym.contract import SpecError
 
 TABLE = Table(

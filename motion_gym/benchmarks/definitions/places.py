@@ -56,7 +56,7 @@ SPURIOUS = Benchmark(
         Study(
             "left_out",
             "motion_gym.benchmarks.studies:left_out",
-            "motion_gym.benchmarks.study_tables:left_out",
+            "motion_gym.benchmarks.reports.study_tables:left_out",
             arguments={"rows": PLAIN[-2:], "domain": "eth:alpha=1"},
             uses=PLAIN[-2:],
             reads=("eth:alpha=1",),
@@ -64,14 +64,14 @@ SPURIOUS = Benchmark(
         Study(
             "one_scene",
             "motion_gym.benchmarks.studies:one_scene",
-            draw="motion_gym.benchmarks.figures:one_scene",
+            draw="motion_gym.benchmarks.reports.figures:one_scene",
             file="scene.svg",
             arguments={"place": "eth", "alphas": (1, 8, 64), "rows": DRAWN, "weights": "spurious"},
             uses=weighted(DRAWN, "spurious"),
             reads=("eth:alpha=1",),
         ),
     ),
-    tables=("motion_gym.benchmarks.published_tables:spurious",),
+    tables=("motion_gym.benchmarks.reports.published_tables:spurious",),
     drawings=tuple(
         Drawing(f"{metric.lower()}.svg", "alpha (trained with 1 to 8)", metric=metric, log=True)
         for metric in ("ADE", f"JADE_{SAMPLES}")
@@ -92,8 +92,8 @@ ORIGINAL = Benchmark(
         )
         for place in PLACES
     ),
-    tables=("motion_gym.benchmarks.published_tables:original",),
-    short="motion_gym.benchmarks.published_tables:original",
+    tables=("motion_gym.benchmarks.reports.published_tables:original",),
+    short="motion_gym.benchmarks.reports.published_tables:original",
 )
 
 FITTED = (*FILTERS, "stand_still", "linear")

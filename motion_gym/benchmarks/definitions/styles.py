@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from motion_gym.benchmarks.claims import NOWHERE, Claim
 from motion_gym.benchmarks.objects import FILTERS, Benchmark, Drawing, Part, Study, weighted
+from motion_gym.benchmarks.reports.claims import NOWHERE, Claim
 
 STYLES = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances d that predictors are tested with."""
@@ -69,8 +69,8 @@ STYLE = Benchmark(
         Study(
             "by_references",
             "motion_gym.benchmarks.studies:by_references",
-            "motion_gym.benchmarks.study_tables:by_references",
-            "motion_gym.benchmarks.figures:by_references",
+            "motion_gym.benchmarks.reports.study_tables:by_references",
+            "motion_gym.benchmarks.reports.figures:by_references",
             "references.svg",
             {
                 "rows": ("modular", "modular_invariant", "ego_modular"),
@@ -89,7 +89,7 @@ STYLE = Benchmark(
         Claim("An invariant encoder helps out of distribution", ("modular_invariant",), ("modular",)),
         Claim("A style lowers the error, in each agent's own frame", ("ego_modular",), ("ego_erm",)),
     ),
-    tables=("motion_gym.benchmarks.published_tables:style",),
+    tables=("motion_gym.benchmarks.reports.published_tables:style",),
     drawings=(Drawing("ade.svg", OVER_D),),
 )
 
@@ -134,7 +134,7 @@ REFINEMENT = Benchmark(
         Study(
             "two_agents",
             "motion_gym.benchmarks.studies:two_agents",
-            draw="motion_gym.benchmarks.figures:two_agents",
+            draw="motion_gym.benchmarks.reports.figures:two_agents",
             file="two_agents.svg",
             arguments={"row": "modular_invariant", "weights": "style", "right": "orca:d=0.6", "wrong": "orca:d=0.1"},
             uses=weighted(("refine",), "style"),
@@ -194,7 +194,7 @@ TRANSFER = Benchmark(
         Claim("Refinement lowers the error without tuning", ("refine",), ("modular_invariant",)),
     ),
     claims_over="batches",
-    tables=("motion_gym.benchmarks.seed_tables:schedules",),
+    tables=("motion_gym.benchmarks.reports.seed_tables:schedules",),
     drawings=tuple(
         Drawing(f"{name}.svg", "batches of 64 scenes of d = 0.6", part) for part, name in enumerate(("honest", "paper"))
     ),
@@ -207,8 +207,8 @@ PRETRAINING = Benchmark(
         Study(
             "pretraining",
             "motion_gym.predictors.training.pretraining:curves",
-            "motion_gym.benchmarks.study_tables:pretraining",
-            "motion_gym.benchmarks.figures:pretraining",
+            "motion_gym.benchmarks.reports.study_tables:pretraining",
+            "motion_gym.benchmarks.reports.figures:pretraining",
             "curves.svg",
             uses=("modular",),
             reads=("orca:d=0.1", "orca:d=0.7"),

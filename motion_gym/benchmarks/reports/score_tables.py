@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from motion_gym.benchmarks.conditions import (
+from motion_gym.benchmarks.reports.conditions import (
     Result,
     in_order,
     intervals,
@@ -14,7 +14,7 @@ from motion_gym.benchmarks.conditions import (
     scored,
     unit_of,
 )
-from motion_gym.benchmarks.table import Table, interval, number, pair
+from motion_gym.benchmarks.reports.table import Table, interval, number, pair
 
 BASELINE = "constant_velocity"
 

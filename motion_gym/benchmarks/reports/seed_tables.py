@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.benchmarks.conditions import (
+from motion_gym.benchmarks.identity import row_name
+from motion_gym.benchmarks.reports.conditions import (
     Result,
     in_order,
     leaks,
@@ -18,8 +19,7 @@ from motion_gym.benchmarks.conditions import (
     selections,
     unit_of,
 )
-from motion_gym.benchmarks.identity import row_name
-from motion_gym.benchmarks.table import Code, Strong, Table, number, pair, spread
+from motion_gym.benchmarks.reports.table import Code, Strong, Table, number, pair, spread
 
 if TYPE_CHECKING:
     from motion_gym.benchmarks.objects import Part

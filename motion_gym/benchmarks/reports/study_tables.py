@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.significance import paired_p
-from motion_gym.benchmarks.table import Code, Strong, Table, number, p_text, spread
+from motion_gym.benchmarks.reports.significance import paired_p
+from motion_gym.benchmarks.reports.table import Code, Strong, Table, number, p_text, spread
 from motion_gym.contract import FUTURE
 
 EPOCHS = (1, 3, 10, 30, 100)

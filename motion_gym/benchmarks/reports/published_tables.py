@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from motion_gym.benchmarks import published
-from motion_gym.benchmarks.claims import Panel
-from motion_gym.benchmarks.conditions import measured, scored, unit_of
-from motion_gym.benchmarks.seed_tables import SEEDS, Found, further_notes, over_seeds
-from motion_gym.benchmarks.table import Code, Table, number, pair, percent, spread
+from motion_gym.benchmarks.reports.claims import Panel
+from motion_gym.benchmarks.reports.conditions import measured, scored, unit_of
+from motion_gym.benchmarks.reports.seed_tables import SEEDS, Found, further_notes, over_seeds
+from motion_gym.benchmarks.reports.table import Code, Table, number, pair, percent, spread
 
 
 def spurious(found: Found) -> Table:

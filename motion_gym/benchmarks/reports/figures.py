@@ -12,8 +12,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from motion_gym.benchmarks.conditions import Result, measured, unit_of
-from motion_gym.benchmarks.seed_tables import over_seeds
+from motion_gym.benchmarks.reports.conditions import Result, measured, unit_of
+from motion_gym.benchmarks.reports.seed_tables import over_seeds
 from motion_gym.data.storage import write_atomic
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from motion_gym.benchmarks.claims import Panel
-from motion_gym.benchmarks.conditions import Result, intervals, leaks, measured, unit_of
 from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE
-from motion_gym.benchmarks.online_scores import first_shift, gain_of, growth_on_return, on_domain, recovered
-from motion_gym.benchmarks.seed_tables import SEEDS, Errors
-from motion_gym.benchmarks.table import Code, Strong, Table, interval, number, span, spread
+from motion_gym.benchmarks.reports.claims import Panel
+from motion_gym.benchmarks.reports.conditions import Result, intervals, leaks, measured, unit_of
+from motion_gym.benchmarks.reports.online_scores import first_shift, gain_of, growth_on_return, on_domain, recovered
+from motion_gym.benchmarks.reports.seed_tables import SEEDS, Errors
+from motion_gym.benchmarks.reports.table import Code, Strong, Table, interval, number, span, spread
 from motion_gym.online.evaluation import LABELS
 from motion_gym.online.scores import BLOCK, PHASE, TRAIL, after_first
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.conditions import measured
-from motion_gym.benchmarks.seed_tables import Errors, Found, over_seeds
-from motion_gym.benchmarks.significance import holm, paired_p
-from motion_gym.benchmarks.table import Code, Table, p_text, percent, spread
+from motion_gym.benchmarks.reports.conditions import measured
+from motion_gym.benchmarks.reports.seed_tables import Errors, Found, over_seeds
+from motion_gym.benchmarks.reports.significance import holm, paired_p
+from motion_gym.benchmarks.reports.table import Code, Table, p_text, percent, spread
 from motion_gym.contract import SpecError
 
 LEVEL = 0.05

@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
-from motion_gym.benchmarks import claims, claims_page, online_tables, running, seed_tables
-from motion_gym.benchmarks.conditions import version_of
+from motion_gym.benchmarks import running
 from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.own_rows import comparison_tables
+from motion_gym.benchmarks.reports import claims, claims_page, online_tables, seed_tables
+from motion_gym.benchmarks.reports.conditions import version_of
+from motion_gym.benchmarks.reports.sentences import CLAIMS
+from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import Results
-from motion_gym.benchmarks.sentences import CLAIMS
-from motion_gym.benchmarks.table import Table
 from motion_gym.data.storage import write_atomic
 
 
@@ -59,7 +60,7 @@ def everything(results: Results) -> list[Table]:
 
 def write(results: Results, folder: Path) -> list[Path]:
     """Write ``tables.md`` and the figures of a benchmark into a folder; returns their paths."""
-    from motion_gym.benchmarks import figures  # matplotlib takes a second
+    from motion_gym.benchmarks.reports import figures  # matplotlib takes a second
 
     results.kept.with_curves()
     path = folder / "tables.md"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.claims import (
+from motion_gym.benchmarks.reports.claims import (
     EVERYWHERE,
     NOWHERE,
     Claim,
@@ -19,10 +19,10 @@ from motion_gym.benchmarks.claims import (
     reference_panel,
     verdict,
 )
-from motion_gym.benchmarks.online_tables import Rows, shift_panel
-from motion_gym.benchmarks.published_tables import original_panel, spurious_panel
-from motion_gym.benchmarks.seed_tables import Found
-from motion_gym.benchmarks.table import Table, p_text
+from motion_gym.benchmarks.reports.online_tables import Rows, shift_panel
+from motion_gym.benchmarks.reports.published_tables import original_panel, spurious_panel
+from motion_gym.benchmarks.reports.seed_tables import Found
+from motion_gym.benchmarks.reports.table import Table, p_text
 
 INTRODUCTION = (
     "Every sentence about results, the numbers behind it, the test, and whether it holds, made from the stored runs. A "

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from motion_gym.benchmarks.claims import NOT_EVERYWHERE, NOWHERE, Claim
+from motion_gym.benchmarks.reports.claims import NOT_EVERYWHERE, NOWHERE, Claim
 
 ANY = float("inf")
 ALPHAS = ("1", "2", "4", "8", "16", "32", "64")

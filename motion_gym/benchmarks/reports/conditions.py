@@ -10,7 +10,7 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import row_name
-from motion_gym.benchmarks.table import span
+from motion_gym.benchmarks.reports.table import span
 from motion_gym.contract import FUTURE, DataError
 
 Result = Mapping[str, Any]

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.conditions import Result
-from motion_gym.benchmarks.table import number
+from motion_gym.benchmarks.reports.conditions import Result
+from motion_gym.benchmarks.reports.table import number
 from motion_gym.online.scores import BLOCK, PHASE, TRAIL, after_first, gain, recovery, returns_of
 
 
