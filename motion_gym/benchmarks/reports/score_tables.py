@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from motion_gym.benchmarks.objects import BASELINE
 from motion_gym.benchmarks.reports.conditions import (
     Result,
     in_order,
@@ -15,8 +16,6 @@ from motion_gym.benchmarks.reports.conditions import (
     unit_of,
 )
 from motion_gym.benchmarks.reports.table import Table, interval, number, pair
-
-BASELINE = "constant_velocity"
 
 
 def domain_table(results: Sequence[Result]) -> Table:
