@@ -8,7 +8,7 @@ from typing import Any
 from motion_gym.benchmarks.objects import FILTERS, Benchmark, Drawing, Part, Study, weighted
 from motion_gym.benchmarks.reports.claims import NOWHERE, Claim
 
-STYLES = (0.1, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+STYLES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances d that predictors are tested with."""
 REFERENCES = 64
 """Reference scenes that predictors with a style are shown in the tables."""
