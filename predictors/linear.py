@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -96,7 +97,7 @@ class Linear:
     def _fitted_weight(self, observation: Observation) -> np.ndarray:
         if self.weight is None:
             raise PredictorError("linear is not fitted: call fit(train, validation, seed), or evaluate it by name.")
-        if not np.isclose(observation.dt, self.dt, rtol=1e-3):
+        if not math.isclose(observation.dt, self.dt, rel_tol=1e-3):
             raise PredictorError(
                 f"linear was fitted to time steps of {self.dt:.3g} s, and the observation has steps of "
                 f"{observation.dt:.3g} s: resample the data to {self.dt:.3g} s, or fit it to such steps."

@@ -53,6 +53,16 @@ class StyleErm(Weighted):
     """What can be tuned: names, or beginnings of names, of weights; see ``last_layer.Tunable``."""
 
     @property
+    def tensors(self) -> Weights | None:  # type: ignore[override]
+        """Weights [1, ...] of the seed; replaced as a whole, since a copy in double precision is kept."""
+        return self._tensors
+
+    @tensors.setter
+    def tensors(self, weights: Weights | None) -> None:
+        self._tensors = weights
+        self._double: Weights | None = None
+
+    @property
     def objective(self) -> Objective:
         """What the first stage minimises."""
         return Irm(self.penalty) if self.penalty else Erm()
@@ -92,7 +102,10 @@ class StyleErm(Weighted):
 
     def _exact(self, observation: Observation) -> Weights:
         """The weights in double precision, as ``pair_network.exact`` has the histories."""
-        return {name: value.double() for name, value in self._ready(observation).items()}
+        weights = self._ready(observation)
+        if self._double is None:
+            self._double = {name: value.double() for name, value in weights.items()}
+        return self._double
 
 
 @dataclass(eq=False, repr=False)

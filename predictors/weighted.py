@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
-
-import numpy as np
 
 from motion_gym.catalog import whole_number
 from motion_gym.contract import Observation, PredictorError, SpecError, Truth
@@ -186,7 +185,7 @@ class Weighted:
         if self.tensors is None:
             self.load(locate(self.shipped, self.name))
         dt = float(self.card.get("dt", DT))
-        if observation is not None and not np.isclose(observation.dt, dt, rtol=1e-3):
+        if observation is not None and not math.isclose(observation.dt, dt, rel_tol=1e-3):
             raise PredictorError(
                 f"{self.name} was trained on time steps of {dt:.3g} s, and the observation has steps of "
                 f"{observation.dt:.3g} s: resample the data to {dt:.3g} s, or train on such steps."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -239,7 +240,7 @@ def _cut(recordings: Sequence[Recording], segment: Segment, frames: int) -> list
 def _check_kinds(places: Sequence[Domain]) -> None:
     first = places[0].card
     for card in (place.card for place in places):
-        if not np.isclose(card.dt, first.dt, rtol=1e-6):
+        if not math.isclose(card.dt, first.dt, rel_tol=1e-6):
             raise SpecError(
                 f"The domains of a stream have one step, but {first.name} has dt={first.dt} s and {card.name} "
                 f"dt={card.dt} s: leave one of them out."

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -107,7 +107,7 @@ def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
         for place, truth in enumerate(truths):
             if not len(truth.future):
                 raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
-            if not np.isclose(truth.observation.dt, train[0].observation.dt, rtol=1e-3):
+            if not math.isclose(truth.observation.dt, train[0].observation.dt, rel_tol=1e-3):
                 raise PredictorError(
                     f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
                     f"the training set {train[0].observation.dt:.3g} s: resample them."
