@@ -28,7 +28,8 @@ class EthUcy(RecordedDomain):
 
     ## Description
     Annotated pedestrians seen from above, a step of 0.4 s (see ``Eth`` for an exception), 8 steps observed, 12 to
-    forecast. With ``alpha`` each observed step carries a third value, the *observation noise* sigma, whose link to
+    forecast. As in all published evaluations each *listed* frame is one step, also where frame numbers are missing.
+    With ``alpha`` each observed step carries a third value, the *observation noise* sigma, whose link to
     the future is scaled by alpha: the spurious feature of "Towards Robust and Adaptive Motion Forecasting: A Causal
     Representation Perspective" (CVPR 2022), section 4.1.
 
@@ -103,7 +104,7 @@ class EthUcy(RecordedDomain):
 
     def _read(self, name: str) -> Recording:
         recording = read_recording(datasets.locate("eth_ucy", name), dt=self.dt, columns=self.columns)
-        return dataclasses.replace(recording, xy=np.round(recording.xy, 4))
+        return dataclasses.replace(recording, xy=np.round(recording.xy, 4), listed=True)
 
     def _cut(self, recording: Recording, split: str) -> Recording:
         frames = np.unique(recording.frame)
