@@ -20,6 +20,10 @@ from motion_gym.specs import format_spec, whole_number
 
 SHARES = (0.6, 0.2, 0.2)
 """Shares of the time for train, val and test."""
+SHORT_SHARES = (0.5, 0.0, 0.5)
+"""The same of recordings that are too short for three parts."""
+LONG = 200
+"""Steps from which on each of three parts has room for windows."""
 SOURCE_SHARES = (0.8, 0.2, 0.0)
 """The same of a file that is only trained on."""
 PARTS = ("train", "val", "test")
@@ -58,7 +62,8 @@ class Tracks(RecordedDomain):
         step: Seconds per step that tracks are resampled to.
         gap: Longest time, in seconds, from an agent's last sample to a point that is extrapolated from it; by default
             half a step, or the usual time between samples if that is longer.
-        split: Shares of the time for train, val and test; by default 0.6 0.2 0.2, or 0 0 1 if sources are named.
+        split: Shares of the time for train, val and test; by default 0.6 0.2 0.2 (0.5 0 0.5 of files shorter than 200
+            steps), or 0 0 1 if sources are named.
         sources: Other files to train on, read in the same way; by default the training part of this file.
         min_agents: Smallest number of complete agents in a window.
         stride: Steps between the starts of two windows.
@@ -87,8 +92,8 @@ class Tracks(RecordedDomain):
         if self.reading.columns is not None:
             columns = " ".join(f"'{c}'" if " " in str(c) else str(c) for c in self.reading.columns)
         self.others = _paths(sources)
-        default = (0.0, 0.0, 1.0) if self.others else SHARES
-        self.shares = default if split is None else _shares(split)
+        stated = None if split is None else _shares(split)
+        self._stated = (0.0, 0.0, 1.0) if stated is None and self.others else stated
         self._parameters: dict[str, Any] = {
             "path": os.fspath(path),
             "columns": columns,
@@ -98,7 +103,7 @@ class Tracks(RecordedDomain):
             "scale": scale,
             "step": step,
             "gap": gap,
-            "split": None if split is None else " ".join(f"{share:g}" for share in self.shares),
+            "split": None if split is None else " ".join(f"{share:g}" for share in stated or ()),
             "sources": list(self.others) or None,
             "min_agents": min_agents,
             "stride": stride,
@@ -135,6 +140,14 @@ class Tracks(RecordedDomain):
         guard = f", {WINDOW} steps left out between them" if len(parts) > 1 else ""
         return f"{self.path}: {', '.join(parts)} of the time{guard}; {'; '.join(how)}"
 
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Shares of the time for train, val and test."""
+        if self._stated is not None:
+            return self._stated
+        long = any(_steps(file.recording) >= LONG for file in self.track_files())
+        return SHARES if long else SHORT_SHARES
+
     def edges(self) -> dict[str, tuple[float, float]]:
         """First and last share of the time of each part."""
         ends = np.cumsum((0.0, *self.shares)).round(9).tolist()
@@ -164,7 +177,7 @@ class Tracks(RecordedDomain):
     def _cut(self, part: str, low: float, high: float) -> list[Recording]:
         cuts = []
         for whole in (file.recording for file in self.track_files()):
-            steps = int(whole.frame[-1] - whole.frame[0]) + 1 if len(whole.frame) else 0
+            steps = _steps(whole)
             first, last = (round(share * steps) for share in (low, high))
             first += WINDOW if low > 0 else 0
             frame = whole.frame - whole.frame[:1].sum()
@@ -188,12 +201,13 @@ class Tracks(RecordedDomain):
         if whole < WINDOW:
             remedy = (
                 f"No track of the file is longer than {whole} steps. If agents are seen more often than that, check "
-                "fps, dt and columns, allow a longer gap, or give a smaller step (predictors of another step refuse it)."
+                "fps, dt and columns, allow a longer gap, or give a smaller step (predictors of other steps refuse)."
             )
         else:
             remedy = (
                 f"The longest track of the whole file has {whole} steps. Give another split, as split='0 0 1' to score "
-                "all of the file, or split='0.7 0 0.3' without validation."
+                "all of the file (predictors that are fitted then need sources=OTHER_FILE), or split='0.7 0 0.3' "
+                "without validation."
             )
         raise DataError(
             f"{self.path}: split `{part}`, {_percent(self.edges()[part])} of the time{guard}, has no window: nobody "
@@ -207,6 +221,11 @@ class Tracks(RecordedDomain):
             return [self] if self.shares[0] > 0 else []
         own = {**self.parameters, "sources": None, "split": " ".join(map(str, SOURCE_SHARES))}
         return self.kept("sources", lambda: [type(self)(**{**own, "path": other}) for other in self.others])
+
+
+def _steps(recording: Recording) -> int:
+    """Steps from the first to the last frame."""
+    return int(recording.frame[-1] - recording.frame[0]) + 1 if len(recording.frame) else 0
 
 
 def _percent(edges: tuple[float, float]) -> str:

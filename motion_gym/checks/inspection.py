@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,6 +87,12 @@ def warnings_of(place: Any) -> list[str]:
         return []
     findings = [*_of_files(files), *_measurements(place, files, _recordings(place))]
     return [finding.warning for finding in findings if finding.warning]
+
+
+def warn_about(places: Sequence[Any]) -> None:
+    """Emit each of the warnings about users' domains once, as Python warnings."""
+    for text in dict.fromkeys(text for place in places for text in warnings_of(place)):
+        warnings.warn(text, stacklevel=2)
 
 
 def _files(place: Any) -> Sequence[TrackFile]:
@@ -178,9 +185,17 @@ def _of_files(files: Sequence[TrackFile]) -> list[Finding]:
         swapped = (
             f"Frame and id seem to be swapped: {swapped}. Check the order of `columns`: frame (or time), id, x, y."
         )
+    starts = [file for file in files if len(file.tables) > 2 and _starts_alike(file)]
+    together = (
+        f"All {len(starts[0].tables)} files of one person each begin at the same time. If these people were not seen "
+        "together, their times are wrong: write the time of one clock, or score the files one by one."
+        if starts
+        else ""
+    )
     rate = [c for c in table.comments if "fps" in c.lower() or "rate" in c.lower()]
     return [
-        Finding("file", [str(t.path) for t in tables], str(table.path) if len(tables) == 1 else f"{shape}, {people}"),
+        Finding("file", [str(t.path) for t in tables], str(table.path) if len(tables) == 1 else f"{shape}, {people}",
+                together),
         Finding("format", table.format, ", ".join(filter(None, form)) + cut),
         Finding("header", list(table.names or ()), header),
         Finding("columns", first.columns.said(table), first.columns.said(table), swapped),
@@ -212,6 +227,13 @@ def _of_domain(place: Any, recordings: Sequence[Recording]) -> list[Finding]:
         text = f"{seen['scenes']} windows, {seen['agent_windows']} agent-windows of {seen['agents']} agents"
         found.append(Finding(f"windows of {split}", seen, text))
     return found
+
+
+def _starts_alike(file: TrackFile) -> bool:
+    """Whether every agent is seen first at the same time."""
+    order = np.lexsort((file.frames, file.agent))
+    first = order[np.append(True, np.diff(file.agent[order]) != 0)]
+    return bool((file.frames[first] == file.frames[first[0]]).all())
 
 
 def _distance(recording: Recording) -> int:

@@ -26,7 +26,7 @@ JUMP_SPEED = 8.0
 ABSENT = 60.0
 """Seconds after which an id that comes back may be another agent."""
 STRAIGHT = 0.1
-"""Median error of constant velocity after 12 steps, as a share of the path; of recorded walkers at 0.4 s it is above."""
+"""Median error of constant velocity after 12 steps, as a share of the path; that of walkers at 0.4 s is above."""
 COARSE = 0.25
 """Share of the median step above which the resolution or the noise of coordinates matters."""
 MOST_WINDOWS = 20_000
@@ -151,8 +151,8 @@ def straightness(steps: Steps, stated: str) -> Finding | None:
     warning = ""
     if share < STRAIGHT:
         warning = (
-            f"Constant velocity is off by {share:.1%} of the path after 12 steps; of recorded walkers in steps of 0.4 "
-            f"s it is off by 14 to 45 %. Are rows really {steps.dt:g} s apart? If every frame of a video or a sensor is "
+            f"Constant velocity is off by {share:.1%} of the path after 12 steps; of walkers in steps of 0.4 s it "
+            f"is off by 14 to 45 %. Are rows really {steps.dt:g} s apart? If every frame of a video or a sensor is "
             f"listed, give fps (as fps=10, fps=25){f' instead of {stated}' if stated else ''}. Simulated, smoothed and "
             "guided motion is as straight as that, too."
         )
@@ -288,12 +288,11 @@ def resolution(xy: np.ndarray, unit: str, step: float, file_unit: float = 1.0) -
         (d for d in range(9) if np.abs(np.round(values, d) - values).max(initial=0) < 1e-12 * largest), None
     )
     grid = 0.0 if decimals is None else 10.0**-decimals * file_unit
-    spacings = []
     for column in xy.T:
-        distinct = np.unique(column)
-        if 2 < len(distinct) < len(column) / 5:
-            spacings.append(float(np.median(np.diff(distinct))))
-    grid = max([grid, *spacings])
+        distinct = np.diff(np.unique(column))
+        distinct = distinct[distinct > 1e-9 * largest]
+        if len(distinct) > 5:
+            grid = max(grid, float(np.quantile(distinct, 0.05)))  # tiny, unless positions lie on a grid
     warning = ""
     if step and grid > COARSE * step:
         warning = (

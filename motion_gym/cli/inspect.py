@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -42,7 +42,8 @@ def inspect(
     """
     from motion_gym.checks.inspection import inspect as inspect_domain
 
-    given = {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
-    given |= {"split": split, "sources": sources or None}
+    given: dict[str, Any] = {"sources": sources or None}
+    given |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
+    given |= {"split": split}
     found = inspect_domain(thing, **{name: value for name, value in given.items() if value is not None})
     say(json_module.dumps(found.as_dict(), indent=2) if json else str(found))

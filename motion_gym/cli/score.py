@@ -13,6 +13,7 @@ from motion_gym.benchmarks import store
 from motion_gym.benchmarks.identity import windows_identity
 from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.benchmarks.reports import score_tables
+from motion_gym.checks.inspection import warn_about
 from motion_gym.cli.output import Out, console, progress_bar, say, session_of
 from motion_gym.contract import Domain, PredictorError, SpecError
 from motion_gym.data.domains import spec_of
@@ -62,6 +63,7 @@ def score(
     for predictor in predictors:
         catalog.predictor(predictor)
     places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
+    warn_about(places)
     options = {"protocol": protocol, "split": split, "seed": seed, "references": references, "shots": shots}
     options["k"] = default_k(protocol) if k is None else k
     session = session_of(out, ["score", *predictors, *domain, str(sorted(options.items()))], resume)

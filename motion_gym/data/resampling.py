@@ -73,13 +73,15 @@ def resample(clock: Clock, agent: np.ndarray, xy: np.ndarray, step: float, gap: 
     if clock.ticks is not None:
         stride = round(step / clock.tick)
         if stride >= 1 and abs(step / clock.tick - stride) <= tolerance * stride:
-            thinned = _thinned(clock, clock.ticks, agent, xy, stride)
+            thinned = _thinned(clock, clock.ticks, agent, xy, stride, step)
             if thinned is not None:
                 return thinned
     return _extrapolated(clock, agent, xy, step, default_gap(step, clock.interval) if gap is None else gap)
 
 
-def _thinned(clock: Clock, ticks: np.ndarray, agent: np.ndarray, xy: np.ndarray, stride: int) -> Resampled | None:
+def _thinned(
+    clock: Clock, ticks: np.ndarray, agent: np.ndarray, xy: np.ndarray, stride: int, step: float
+) -> Resampled | None:
     """Every ``stride``-th frame; None if tracks are seldom listed there."""
     usual = max(1, round(clock.interval / clock.tick))
     if stride % usual:
@@ -95,12 +97,12 @@ def _thinned(clock: Clock, ticks: np.ndarray, agent: np.ndarray, xy: np.ndarray,
     row = np.flatnonzero(phase == chosen)
     if len(row) < ENOUGH * _steps_within(ticks, agent, stride):
         return None
-    row, step = _last_of_each(row, (ticks[row] - chosen[row]) // stride, agent)
+    row, number = _last_of_each(row, (ticks[row] - chosen[row]) // stride, agent)
     off = np.flatnonzero((phase - chosen) % usual != 0)
     seconds = clock.tick * stride
-    taken = "" if abs(seconds - round(seconds, 3)) < 1e-9 else f" ({seconds:.5g} s)"
+    taken = "" if abs(seconds - step) < 1e-4 * step else f" ({seconds:.5g} s, taken as {step:g} s)"
     how = f"every {_ordinal(stride)} frame number{taken}" if stride > 1 else f"every frame{taken}"
-    return Resampled(step, row, xy[row], clock.seconds[row], off, how)
+    return Resampled(number, row, xy[row], clock.seconds[row], off, how)
 
 
 def _steps_within(ticks: np.ndarray, agent: np.ndarray, stride: int) -> float:

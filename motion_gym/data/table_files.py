@@ -138,11 +138,11 @@ def _text_table(path: Path, text: str, encoding: str, compression: str) -> Table
     first = _split(path, lines[:1], numbers, delimiter)[0][0]
     names = None if any(map(_is_value, first)) else tuple(first)
     body, where = (lines, numbers) if names is None else (lines[1:], numbers[1:])
-    if not body:
-        raise DataError(f"{path} has a header and no rows. Expected a row for each person and frame.")
     columns: Sequence[Sequence[str] | np.ndarray] | None = _numeric_columns(body, delimiter)
     if columns is None:
         columns, where = _text_columns(path, body, where, delimiter, complete)
+        if len(columns) > max(3, len(names or ())) and not any(columns[-1]):
+            columns = columns[:-1]  # each line ends with a delimiter
     width = len(columns)
     if names is not None and len(names) == width + 1 and not names[-1]:
         names = names[:-1]
@@ -153,8 +153,6 @@ def _text_table(path: Path, text: str, encoding: str, compression: str) -> Table
             f"{path}, line {numbers[0]}: the header has {len(names)} columns and the rows have {width}: "
             f"{short(lines[0])}. Give the header a name for each column."
         )
-    if names is not None and width > 3 and not names[-1] and isinstance(columns[-1], list) and not any(columns[-1]):
-        columns, names = columns[:-1], names[:-1]
     if names is None and comments:
         names = _commented_header([comment for number, comment in comments if number < where[0]], delimiter, width)
     return Table(
@@ -196,10 +194,7 @@ def _text_columns(
             remedy = "It was probably truncated: get it again, or delete the line."
         shown = lines[bad] if len(rows) == len(lines) else delimiter.join(rows[bad])
         raise DataError(f"{path}, line {where[bad]}: {what}: {short(shown)}. {remedy}")
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    if width > 3 and not any(columns[-1]):
-        columns = columns[:-1]  # each line ends with a delimiter
-    return columns, where
+    return [list(column) for column in zip(*rows, strict=True)], where
 
 
 def _delimiter(path: Path, lines: Sequence[str]) -> str:
@@ -207,7 +202,10 @@ def _delimiter(path: Path, lines: Sequence[str]) -> str:
     sample = lines[1 : SAMPLE + 1] or lines
     fallback = None
     for delimiter in DELIMITERS:
-        rows = _split(path, sample, range(len(sample)), delimiter)[0]
+        try:
+            rows = _split(path, sample, range(1, len(sample) + 1), delimiter)[0]
+        except DataError:
+            continue  # a field that is far too long: this is not the delimiter
         (width, count), *_ = Counter(map(len, rows)).most_common(1)
         regular = [row for row in rows if len(row) == width]
         numeric = sum(sum(map(_is_value, column)) >= SHARE * count for column in zip(*regular, strict=True))

@@ -18,7 +18,7 @@ from motion_gym.contract import EXACT, DataError
 NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 DATE = re.compile(r"\d{4}[-/]\d{1,2}[-/]\d{1,2}([T ].*)?|\d{1,2}:\d{2}:\d{2}([.,]\d+)?", re.ASCII)
-MISSING = frozenset(("", "na", "n/a", "nan", "null", "none", "-"))
+MISSING = frozenset(("", "na", "n/a", "nan", "null", "none", "-", "?"))
 """Fields, in lower case, that stand for a value that is not there."""
 DELIMITERS = {"\t": "tab", ";": "semicolon", ",": "comma", " ": "spaces"}
 """What columns are separated by, in the order in which it is tried."""

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from motion_gym.contract import WINDOW, DataError, SpecError
-from motion_gym.data.tables import Table
+from motion_gym.data.tables import Table, short
 from motion_gym.specs import suggest
 
 _AROUND = "pos|position|est|estimated|coord|coordinate|world|center|centre|c|local|utm|ground|map"
@@ -188,7 +188,7 @@ def _by_layout(table: Table, columns: Sequence[str | int]) -> Columns:
         raise SpecError(
             f"columns={_text(columns)!r} names {len(columns)} columns, and {table.path} has {width} and no header: "
             "name all of them from left to right, with - for those that are not needed (as 'frame id x y - -'), or "
-            f"give the four numbers of frame, id, x and y, counted from 0. Its first row is {table.row(0)!r}."
+            f"give the four numbers of frame, id, x and y, counted from 0. Its first row is {short(table.row(0))}."
         )
     roles = [role_of(str(name)) for name in columns]
     found: dict[str, int] = {}
@@ -243,7 +243,12 @@ def _guessed_by_width(table: Table) -> Columns:
     width = len(table.columns)
     if width == 8 and all(map(table.is_numeric, range(8))) and all(_constant(table, c) for c in (3, 6)):
         return Columns(0, 1, 2, 4, False, f"an obsmat, {' '.join(OBSMAT)}: columns 3 and 6 are constant")
-    shown = f"Its first row is {table.row(0)!r}."
+    shown = f"Its first row is {short(table.row(0))}."
+    if width > 20 > len(table):
+        raise DataError(
+            f"{table.path} has {len(table)} lines of {width} columns, so that it seems to be transposed: write a line "
+            f"for each person and frame, frame id x y. {shown}"
+        )
     if width != 4:
         raise DataError(
             f"{table.path} has {width} columns and no header, so that it is not known what they hold. {HOW}, counted "
@@ -310,7 +315,7 @@ def _number(table: Table, column: int) -> int:
     if not 0 <= column < width:
         raise SpecError(
             f"{table.path} has {width} columns, 0 to {width - 1}, and `columns` names {column}. Its first row is "
-            f"{table.row(0)!r}."
+            f"{short(table.row(0))}."
         )
     return column
 
@@ -318,21 +323,23 @@ def _number(table: Table, column: int) -> int:
 def _single(table: Table, found: Sequence[int], role: str) -> int | None:
     """The one column of a role; of several, the one whose name is the role itself."""
     names = table.names or ()
-    plain = [c for c in found if plain_name(names[c])[0] == role]
+    plain = [c for c in found if names[c].strip().lower() == role]
     if len(found) > 1 and len(plain) != 1:
         _several(table, found, role)
     return next(iter(plain or found), None)
 
 
 def _pair(table: Table, xs: Sequence[int], ys: Sequence[int]) -> tuple[int | None, int | None]:
-    """The columns of x and y whose names are alike; of several pairs, plain x and y."""
+    """The columns of x and y: those of these names, or the one pair whose names are alike."""
+    exact = [name.strip().lower() for name in table.names or ()]
+    if exact.count("x") == exact.count("y") == 1:
+        return exact.index("x"), exact.index("y")
     words = [plain_name(name)[0] for name in table.names or ()]
     like = {words[y].replace("y", "x").replace("north", "east"): y for y in ys}
     pairs = [(x, like[words[x]]) for x in xs if words[x] in like]
-    plain = [pair for pair in pairs if words[pair[0]] == "x"]
-    if len(pairs) > 1 and len(plain) != 1:
+    if len(pairs) > 1:
         _several(table, [x for x, _ in pairs], "x")
-    return next(iter(plain or pairs), (None, None))
+    return next(iter(pairs), (None, None))
 
 
 def _several(table: Table, found: Sequence[int], role: str) -> NoReturn:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.contract import DataError, Recording, SpecError
+from motion_gym.contract import EXACT, DataError, Recording, SpecError
 from motion_gym.data.frame_times import Clock, RawTimes, clock_of, read_times, usual_distance
 from motion_gym.data.resampling import Resampled, resample
 from motion_gym.data.table_files import read_table
@@ -252,8 +252,8 @@ def _recording(parts: Sequence[_Part], reading: Reading) -> TrackFile:
     clock = clock_of(raw, agent, fps, dt, reading.step, title, _rate_in_comments(first.table))
     scaled = xy * reading.factor
     resampled = resample(clock, agent, scaled, reading.step, reading.gap, title)
-    number_of = agent if names.dtype.kind not in "iu" else names.astype(np.int64)[agent]
-    who = number_of[resampled.row]
+    numbered = names.dtype.kind in "iu" and (np.abs(names) < EXACT).all()
+    who = (names[agent] if numbered else agent)[resampled.row]
     order = np.lexsort((who, resampled.step))
     name = first.table.path.name if len(parts) == 1 else first.table.path.parent.name
     recording = Recording(
