@@ -104,9 +104,9 @@ def number(
 
 def one_of(name: str, value: Any, words: Collection[str], owner: str = "") -> str:
     """The value, if it is one of the words; SpecError otherwise."""
-    if value not in words:
+    if not isinstance(value, str) or value not in words:
         raise SpecError(f"`{name}={value}`{f' of {owner}' if owner else ''} is not known.{suggest(str(value), words)}")
-    return str(value)
+    return value
 
 
 def format_spec(name: str, parameters: dict[str, Any]) -> str:

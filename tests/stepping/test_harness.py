@@ -1,5 +1,6 @@
 """How the harness uses a predictor: copies in, checked copies out, and every fault named."""
 
+import copy
 import sys
 
 import numpy as np
@@ -147,18 +148,18 @@ def test_the_input_cannot_be_written_to(column):
     def spoil(observation, samples):
         getattr(observation, column)[...] = 0
 
-    given = trials.writable(HERE)
+    given = copy.deepcopy(HERE)
     with pytest.raises(PredictorError, match="A predictor may not change its input: work on a copy"):
         ask(Answers(spoil), given)
     np.testing.assert_array_equal(getattr(given, column), getattr(HERE, column))
 
 
 def test_frozen_is_a_copy():
-    given = trials.writable(HERE)
-    copy = frozen(given)
+    given = copy.deepcopy(HERE)
+    kept = frozen(given)
     given.history[:] = 0
-    np.testing.assert_array_equal(copy.history, HERE.history)
-    assert copy.dt == HERE.dt
+    np.testing.assert_array_equal(kept.history, HERE.history)
+    assert kept.dt == HERE.dt
 
 
 def test_what_a_predictor_raises_names_it():
@@ -206,7 +207,7 @@ def test_name():
 
 
 def test_tell_shows_a_copy_that_cannot_be_written_to():
-    made, truth = Logbook(), trials.writable(TRUTH)
+    made, truth = Logbook(), copy.deepcopy(TRUTH)
     tell(made, truth)
     ((_, shown),) = made.calls
     truth.future[:] = 0
