@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 import motion_gym
 from motion_gym.contract import Observation, Recording, Truth
-from motion_gym.data.windows import Tracks, pick_scenes, positions_only, stack, windows_of
+from motion_gym.data.windows import Tracks, pick_scenes, positions_only, stack
+from tests.windows import windows_of
 
 WHOLE = {
     "eth": (70, 181),
