@@ -1,11 +1,10 @@
-"""Evaluation on a stream: a forecast is stored, scored when its ground truth is known, and only then learned from."""
+"""Evaluation on a stream: each forecast is stored, scored when its ground truth is known, and then learned from."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
 from collections.abc import Callable
-from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from motion_gym.online.run import Options, Run
 from motion_gym.online.scores import OnlineCard, SegmentScore, curve_of, returns_of, shifts_of, summary_of
 from motion_gym.online.streams import Stream, stream
 from motion_gym.scoring.cards import declared_leaks, peak_memory
+from motion_gym.specs import number, one_of
 from motion_gym.stepping.harness import copied, name_of, ready, selection_of
 
 LABELS = {
@@ -48,10 +48,10 @@ def evaluate_online(
     checkpoint: Path | None = None,
     report: Report = lambda done, of, what: None,
 ) -> OnlineCard:
-    """Let a predictor run over a stream, and learn from it if it can.
+    """Run a predictor over a stream, and let it learn if it has ``observe``.
 
-    At each step: reveal the ground truth that is due, score the stored forecasts, let the predictor observe, ask for
-    new forecasts and store them. With the defaults, the scores are those of this loop:
+    Each step reveals the ground truth that is due, scores the stored forecasts, lets the predictor observe, asks for
+    new forecasts and stores them. With the defaults, the scores equal those of this loop:
 
     >>> import motion_gym
     >>> from motion_gym.metrics.errors import ade
@@ -69,25 +69,25 @@ def evaluate_online(
 
     Args:
         predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it runs. Adapters are predictors.
-        on: A stream, or a domain, whose test split is played whole.
+        on: A stream, or a domain, whose whole test split is played.
         labels: When ground truth is revealed, see ``LABELS``.
-        scope: What is forgotten when, see ``SCOPES``.
-        realtime: The stream does not wait: an update that takes ``c`` seconds is of use from the first step that
-            begins ``c`` seconds later, and ground truth that comes while it is under way is lost to the predictor.
-        cost: Seconds that each update is declared to take, so that the result repeats exactly; None to measure them.
+        scope: When learned state is forgotten, see ``SCOPES``.
+        realtime: The stream does not wait: an update that takes ``c`` seconds takes effect at the first step that
+            begins ``c`` seconds later, and the predictor misses ground truth that is revealed during the update.
+        cost: Declared seconds of each update, so that the result repeats exactly; None to measure the seconds.
         seed: Seed of a stochastic predictor's samples.
-        checkpoint: File from which a stopped run is continued, written each minute and deleted at the end. It continues
-            the same run only, predictor included, and only files that this user wrote are read.
-        report: Called now and then with the number of steps done, of all, and what is played.
+        checkpoint: File from which a stopped run continues, written each minute and deleted at the end. The file
+            continues the same run with the same predictor only, and must be written by the same user.
+        report: Called every 50 steps with the number of steps done, the number of all steps, and a description.
 
     Returns:
         OnlineCard.
 
     Raises:
-        SpecError: a name or option is not known or not allowed, or the checkpoint is of another run or user.
-        PredictorError: the predictor broke its contract: it learned when it was asked, for example, or it keeps in its
-            class what it learned.
-        DataError: data is missing or damaged.
+        SpecError: A name or option is not known or not allowed, or the checkpoint is of another run or user.
+        PredictorError: The predictor broke its contract: for example, predict learned, or the class stores learned
+            state.
+        DataError: Data is missing or damaged.
     """
     cost = check_options(labels, scope, realtime, cost)
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
@@ -125,18 +125,16 @@ def _play(run: Run, name: str, checkpoint: Checkpoint | None, report: Report) ->
 
 def check_options(labels: str, scope: str, realtime: bool, cost: float | None) -> float | None:
     """The cost as a float; SpecError if an option of ``evaluate_online`` is not known or not allowed."""
-    for name, value, allowed in (("labels", labels, LABELS), ("scope", scope, SCOPES)):
-        if not isinstance(value, str) or value not in allowed:
-            raise SpecError(f"`{name}={value}` is not known.{catalog.suggest(str(value), allowed)}")
+    one_of("labels", labels, LABELS)
+    one_of("scope", scope, SCOPES)
     if not isinstance(realtime, bool):
         raise SpecError(f"`realtime={realtime}` must be True or False.")
     if cost is None:
         return None
-    if isinstance(cost, bool) or not isinstance(cost, Real) or not 0 <= cost < np.inf:
-        raise SpecError(f"`cost={cost}` must be a number of seconds, 0 or more.")
+    cost = number("cost", cost)
     if not realtime:
-        raise SpecError(f"`cost={cost}` is of use in realtime only: add realtime, or leave it out.")
-    return float(cost)
+        raise SpecError(f"`cost={cost}` needs realtime: add realtime, or leave cost out.")
+    return cost
 
 
 def _card(run: Run, name: str) -> OnlineCard:

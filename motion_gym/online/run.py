@@ -31,20 +31,20 @@ class Options:
 
 
 class Run:
-    """The state of an evaluation between two steps; all of it but the stream goes into a checkpoint.
+    """The state of an evaluation between two steps; a checkpoint holds everything except the stream.
 
     Attributes:
         predictor: The predictor that forecasts.
-        learner: In realtime, a copy that is learning while the stream goes on, and the time, in seconds of the stream,
-            at which it is done; None if none is.
-        step: The last step of the clock: what is observed now, and the scenes that it settled.
-        columns: [N] values of each settled forecast: ADE and FDE (NaN if censored), listed frame at which it was made,
-            and person.
+        learner: In realtime, a copy that learns while the stream goes on, and the time, in seconds of the stream, at
+            which its update is complete; None if there is no update.
+        step: The last step of the clock: the current observation, and the scenes that the step settled.
+        columns: [N] values of each settled forecast: ADE and FDE (NaN if censored), listed frame of the forecast, and
+            person.
         count: Number of forecasts settled so far.
-        seconds: [T, 2] seconds of the update and of the forecasts at each step; NaN where there was no update.
-        updates: [segments] updates.
-        rolled_back: Updates that the predictor took back.
-        skipped: Steps at which truth came while an update was under way.
+        seconds: [T, 2] seconds of the update and of the forecasts at each step; NaN without an update.
+        updates: [segments] number of updates.
+        rolled_back: Number of updates that the predictor rolled back.
+        skipped: Number of steps at which ground truth was revealed during an update.
     """
 
     def __init__(self, predictor: Any, played: Stream, options: Options):
@@ -55,7 +55,7 @@ class Run:
         self.clock.keep = self.clock.rewards = False
         self.step: Step = self.clock.reset()
         self.learner: tuple[Any, float] | None = None
-        # Filled, so that all memory is taken at the start.
+        # Filled, so that all memory is allocated at the start.
         self.columns = {key: np.full(self.clock.count, np.nan) for key in ("ade", "fde")}
         self.columns |= {key: np.full(self.clock.count, -1, np.int32) for key in ("made", "person")}
         self.count = self.rolled_back = self.skipped = 0
@@ -67,7 +67,7 @@ class Run:
         return {**state, "at": self.clock.at, "ledger": self.clock.ledger}
 
     def go_on(self, saved: Run) -> None:
-        """Take the state of a run that was saved."""
+        """Restore the state of a saved run."""
         state = vars(saved).copy()
         self.clock.resume(state.pop("at"), state.pop("ledger"))
         vars(self).update(state)
@@ -79,16 +79,16 @@ class Run:
 
     @property
     def over(self) -> bool:
-        """Whether the whole stream was played."""
+        """Whether the stream has ended."""
         return not len(self.step.observation)
 
     @property
     def segment(self) -> int:
-        """Number of the segment that is played."""
+        """Number of the current segment."""
         return int(self.stream.segment_at(self.clock.time))
 
     def advance(self) -> None:
-        """Tell the ground truth that is due, let the predictor learn, ask for forecasts, and step the clock."""
+        """Reveal the ground truth that is due, let the predictor learn, ask for forecasts, and step the clock."""
         options, segment = self.options, self.segment
         now = self.clock.time * self.stream.dt
         truth = self._due()
@@ -99,7 +99,7 @@ class Run:
         measured = options.realtime and options.cost is None
         if not measured:
             self._learn(truth, now)
-        # Asked as often as is cheap, at times that tell nothing about the length of the stream.
+        # At a few steps, powers of two, which do not depend on the length of the stream.
         looked_at = self.at & (self.at - 1) == 0 and _learns(self.predictor)
         held = snapshot(self.predictor) if looked_at else {}
         began = time.perf_counter()
@@ -107,14 +107,14 @@ class Run:
         self.seconds[self.at, 1] = time.perf_counter() - began
         if looked_at:
             self._check_pure(held, forecast.positions)
-        if measured:  # the update runs meanwhile: it is of use from the next step on, at the earliest
+        if measured:  # the update runs meanwhile, and takes effect at the next step at the earliest
             self._learn(truth, now)
         self.step = self.clock.step(forecast)
         if self.step.settled is not None:
             self._score(self.step.settled)
 
     def _due(self) -> Truth | None:
-        """The ground truth to be told now."""
+        """The ground truth to reveal now."""
         settled = None if self.step.settled is None else self.step.settled.truth
         if self.options.labels == "matured":
             return settled
@@ -127,16 +127,16 @@ class Run:
         return pick_scenes(truth, happened) if len(happened) else None
 
     def _begin_segment(self, segment: int, truth: Truth | None) -> Truth | None:
-        """Forget and know what the segment asks for; the truth that is still to be told."""
+        """Reset the predictor or show it the domain where the segment requires it; the truth still to reveal."""
         if self.options.scope == "place" and self.at and hasattr(self.predictor, "reset"):
-            self.learner, truth = None, None  # the truth is that of the place before
+            self.learner, truth = None, None  # the truth belongs to the previous place
             guarded(self.predictor, "reset")
         if hasattr(self.predictor, "know"):
             guarded(self.predictor, "know", self.stream.segments[segment].domain)
         return truth
 
     def _learn(self, truth: Truth | None, now: float) -> None:
-        """Let the predictor learn; in realtime a copy learns, and is of use when it is done."""
+        """Let the predictor learn; in realtime a copy learns, and later replaces the predictor."""
         if truth is None or not _learns(self.predictor):
             return
         if self.learner is not None:
@@ -159,7 +159,7 @@ class Run:
             self.learner = learner, now + (spent if cost is None else cost)
 
     def _check_pure(self, held: dict[str, Any], positions: np.ndarray) -> None:
-        """Raise PredictorError if the predictor learned from being asked."""
+        """Raise PredictorError if predict changed the predictor."""
         touched = changed(held, snapshot(self.predictor))
         again = ask(self.predictor, self.step.observation, 1, self.options.seed).positions
         if not touched and not np.allclose(again, positions, rtol=0, atol=1e-4):
@@ -185,6 +185,6 @@ def _learns(predictor: Any) -> bool:
 
 
 def _count(predictor: Any, name: str = "updates") -> int | None:
-    """A count that a predictor keeps of its updates; None if it keeps none."""
+    """A count of updates that a predictor keeps; None if it keeps none."""
     count = getattr(predictor, name, None)
     return count if isinstance(count, int) and not isinstance(count, bool) else None

@@ -286,7 +286,7 @@ class Nowhere(Bias):
     [
         ({"labels": "mature"}, SpecError, "`labels=mature` is not known. Did you mean `matured`"),
         ({"scope": "places"}, SpecError, "`scope=places` is not known. Did you mean `place`"),
-        ({"cost": -1.0}, SpecError, "`cost=-1.0` must be a number of seconds, 0 or more"),
+        ({"cost": -1.0}, SpecError, "`cost=-1.0` must be a number, 0 or more"),
         ({"seed": -1}, SpecError, "`seed=-1`"),
         ({"predictor": "linea"}, SpecError, "Did you mean `linear`"),
         ({"on": "orka"}, SpecError, "Did you mean `orca`"),

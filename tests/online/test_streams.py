@@ -165,7 +165,7 @@ def test_frames_of_all_recordings_are_counted():
         (lambda: stream({SLOW, OTHER}), "are played in order: give a list, not a set"),
         (lambda: stream([]), "needs at least one domain"),
         (lambda: stream("orka"), "no domain `orka`. Did you mean `orca`"),
-        (lambda: stream([SLOW, OTHER], "suden"), "no kind of stream `suden`. Did you mean `sudden`"),
+        (lambda: stream([SLOW, OTHER], "suden"), "`kind=suden` is not known. Did you mean `sudden`"),
         (lambda: stream([SLOW, OTHER], split="tets"), "no split `tets`. Did you mean `test`"),
         (lambda: stream([SLOW, OTHER], seed=-1), "`seed=-1`"),
         (lambda: stream([SLOW, OTHER], "mixed", cycles=0), "`cycles=0`"),
