@@ -21,6 +21,7 @@ from motion_gym.scoring.cards import declared_leaks, is_shipped, peak_memory
 from motion_gym.scoring.scorecard import BASELINE, Scorecard, SeedsCard, compare, who_was_scored
 from motion_gym.scoring.shown import show_references, show_shots
 from motion_gym.scoring.verification import keep, verify
+from motion_gym.specs import one_of
 from motion_gym.stepping.dicts import forecast_to_dict, observation_from_dict
 from motion_gym.stepping.harness import ask, copied, name_of, ready, selection_of, tell, windows_of_domain
 from motion_gym.stepping.pettingzoo_env import ForecastEnv
@@ -37,10 +38,10 @@ PAPER_BATCH = 64
 
 @dataclass(frozen=True)
 class Options:
-    """The options of ``evaluate``, checked.
+    """The options of ``evaluate``.
 
     Raises:
-        SpecError: one is not known or not allowed.
+        SpecError: An option is not known or not allowed.
     """
 
     split: str
@@ -54,11 +55,8 @@ class Options:
     reference_draws: int
 
     def __post_init__(self) -> None:
-        if self.protocol not in PROTOCOLS:
-            raise SpecError(f"There is no protocol `{self.protocol}`.{catalog.suggest(str(self.protocol), PROTOCOLS)}")
-        if self.through not in ("arrays", "environment"):
-            allowed = catalog.suggest(str(self.through), ("arrays", "environment"))
-            raise SpecError(f"`through={self.through}` is not known.{allowed}")
+        one_of("protocol", self.protocol, PROTOCOLS)
+        one_of("through", self.through, ("arrays", "environment"))
         for name, value, least, most in (
             ("k", self.samples, 1, MOST_SAMPLES),
             ("seed", self.seed, 0, 2**63 - 1),
@@ -99,35 +97,35 @@ def evaluate(
     """Score a predictor on every window of a split.
 
     Args:
-        predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it is scored. One given by name is
-            fitted to the domain's sources if it needs to be.
+        predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it is scored. A predictor given by name
+            is fitted to the domain's sources if it must be fitted.
         domain: A name, a spec, ``"module:Class"`` or a domain.
-        split: Which split.
+        split: Split that is scored.
         k: Number of samples; by default 1 (``honest``) or 20 (``paper``).
         protocol: ``honest`` or ``paper``, see ``PROTOCOLS``.
         seed: Seed of the samples, and of the fit.
-        references: Number of reference scenes that a predictor with ``observe`` is shown under ``honest``; None for
+        references: Number of reference scenes that a predictor with ``observe`` observes under ``honest``; None for
             all.
-        shots: Scenes of the domain's own training split, the first ones: a predictor with ``tune`` is tuned on them,
-            and one with ``observe`` is shown them under ``honest``. Under ``paper``, one with ``tune`` is also given
-            the validation split, to select by.
+        shots: Number of first scenes of the domain's training split. A predictor with ``tune`` is tuned on them, and a
+            predictor with ``observe`` observes them under ``honest``. Under ``paper``, ``tune`` also gets the
+            validation split, to select by.
         through: ``arrays`` asks for all windows at once; ``environment`` steps the PettingZoo environment. The scores
-            are the same for every predictor whose forecasts do not depend on the batch.
+            are equal for every predictor whose forecasts do not depend on the batch.
         verify: Ask a predictor that does not ship with motion-gym again, in a fresh process, one scene at a time, in
-            the order of time; see ``motion_gym.scoring.verification``. Every card says whether this was done.
-        reference_draws: Where the domain has more reference scenes than ``references``: number of draws of them, the
-            first scenes and others at random. Means and intervals are over the draws.
-        seeds: ``"all"`` scores the weights of every seed that the predictor's weights hold; numbers choose seeds, of
-            the weights or of the fit. None scores the weights of one seed, which the card names.
+            the order of time; see ``motion_gym.scoring.verification``. Every card states whether this was done.
+        reference_draws: Number of draws of reference scenes if the domain has more than ``references``: the first
+            scenes, and random ones. Means and intervals are over the draws.
+        seeds: ``"all"`` scores the weights of every seed that the predictor's weights hold; numbers choose seeds of the
+            weights or of the fit. None scores the weights of one seed, which the card names.
         **parameters: Parameters of the domain.
 
     Returns:
         Scorecard; with ``seeds``, a SeedsCard.
 
     Raises:
-        SpecError: a name, parameter or option is not known.
-        PredictorError: the predictor broke its contract.
-        DataError: data is missing or damaged.
+        SpecError: A name, parameter or option is not known.
+        PredictorError: The predictor broke its contract.
+        DataError: Data is missing or damaged.
     """
     samples = default_k(protocol) if k is None else k
     options = Options(split, samples, protocol, seed, references, shots, through, verify, reference_draws)
@@ -139,12 +137,12 @@ def evaluate(
 
 
 def default_k(protocol: str) -> int:
-    """Number of samples where none is named: 20 in published evaluations, 1 in honest ones."""
+    """Default number of samples of a protocol: 20 as in publications, or 1."""
     return 20 if protocol == "paper" else 1
 
 
 def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scorecard:
-    """Show the predictor what it may see, ask it, and score its forecasts."""
+    """Show the predictor its shots and reference scenes, ask it, and score its forecasts."""
     split, protocol = options.split, options.protocol
     truth = windows_of_domain(place, split)
     if not len(truth.future):
@@ -162,12 +160,12 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
     forecasts: list[Forecast] = []
     verified, seconds = "", 0.0
     for each in predictors:
-        forecast, truth, said, spent = _forecast(each, place, truth, options)
-        verified, seconds = verified or said, seconds + spent
+        forecast, truth, method, spent = _forecast(each, place, truth, options)
+        verified, seconds = verified or method, seconds + spent
         forecasts.append(forecast)
     unit = place.card.unit
-    each_value = [score(forecast, truth, options.samples, unit) for forecast in forecasts]
-    values = {name: np.stack([v[name] for v in each_value]) for name in each_value[0]}
+    draws = [score(forecast, truth, options.samples, unit) for forecast in forecasts]
+    values = {name: np.stack([draw[name] for draw in draws]) for name in draws[0]}
     if len(predictors) == 1:
         values = {name: value[0] for name, value in values.items()}
     baseline = score(ask(ready(BASELINE, place), truth.observation), truth, 1, unit)
@@ -204,7 +202,7 @@ def _scored(predictor: str | Predictor, place: Domain, options: Options) -> Scor
 
 
 def _forecast(predictor: Any, place: Domain, truth: Truth, options: Options) -> tuple[Forecast, Truth, str, float]:
-    """The forecasts to score, the truth in their order, how they were verified, and the seconds that they took."""
+    """The forecasts to score, the truth in the same order, how they were verified, and their seconds."""
     leaking = hasattr(predictor, "observe") and options.protocol == "paper"
     exempt = _exemption(predictor, options, leaking)
     kept = None if exempt else keep(predictor)
@@ -223,7 +221,7 @@ def _forecast(predictor: Any, place: Domain, truth: Truth, options: Options) -> 
 
 
 def _exemption(predictor: Any, options: Options, leaking: bool) -> str:
-    """Why a predictor is not asked again; empty if it is."""
+    """Why a predictor is not asked again; empty if it is asked again."""
     if hasattr(predictor, "know"):
         return "not verified: an oracle"
     if leaking:
@@ -262,32 +260,32 @@ def _by_leaking_batches(predictor: Predictor, truth: Truth, options: Options) ->
 
 
 def _weights_seed(predictor: Any) -> int | None:
-    """Seed of the weights that a predictor uses, if its card names the seeds of its weights."""
+    """Seed of the weights of a predictor, if its card names the seeds of its weights."""
     seeds = _seeds_of(predictor)
     chosen = getattr(predictor, "seed", None)
     return seeds[0] if seeds and chosen is None else chosen if seeds else None
 
 
 def _seeds_of(predictor: Any) -> list[int]:
-    getattr(predictor, "trained_on", None)  # weights that are loaded when first needed are loaded now
+    getattr(predictor, "trained_on", None)  # loads weights that are loaded when first needed
     card = getattr(predictor, "card", None)
     return list(card.get("seeds", ())) if isinstance(card, Mapping) else []
 
 
 def _by_seed(predictor: Any, seeds: str | Sequence[int], seed: int) -> list[tuple[int, str]]:
-    """Seed of the fit and spec of the predictor, for each seed that is asked for."""
+    """Seed of the fit and spec of the predictor, for each requested seed."""
     if not isinstance(predictor, str):
         raise SpecError("`seeds` needs a predictor given by name or spec, since each seed has weights of its own.")
     name, parameters = catalog.parse_spec(predictor)
-    there = _seeds_of(catalog.predictor(predictor))
+    available = _seeds_of(catalog.predictor(predictor))
     if isinstance(seeds, str):
         if seeds != "all":
             raise SpecError(f"`seeds={seeds}` is not known: write 'all' or a list of numbers.")
-        if not there:
+        if not available:
             raise SpecError(f"`seeds=all`: {predictor} has no weights; name the seeds of its fit, as seeds=[0, 1, 2].")
-        seeds = there
+        seeds = available
     if not seeds:
         raise SpecError("`seeds` is empty: name at least one seed, or 'all'.")
-    if not there:
+    if not available:
         return [(catalog.whole_number("seeds", s, 0, 2**31), predictor) for s in seeds]
     return [(seed, catalog.format_spec(name, {**parameters, "seed": s})) for s in seeds]
