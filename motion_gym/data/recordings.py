@@ -1,7 +1,7 @@
 """Recordings from text files, with errors that name the line.
 
-A good file is read by numpy's C parser and checked as arrays. Only when that finds something wrong is the
-file walked line by line, to say which line it is.
+numpy's C parser reads a file, which is then checked as arrays. If the check fails, the file is read line by line, so
+that the error names the line.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re
 
 
 class _Fault(NamedTuple):
-    """The first bad row of a table, the earlier row it clashes with, and what is wrong."""
+    """The first bad row of a table, an earlier row that it contradicts, the kind of fault and a description."""
 
     row: int
     earlier: int | None
@@ -140,13 +140,13 @@ def _bytes(path: Path) -> bytes:
 
 
 def _fast(path: Path, content: bytes, delimiter: str | None, columns: list[int]) -> np.ndarray | None:
-    """[R, 4] as read by numpy's C parser; None if the file needs a closer look."""
+    """[R, 4] as read by numpy's C parser; None if the parser refuses the file."""
     if not content.endswith((b"\n", b"\r")):
         return None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            # By name, because numpy reads a file by itself in large pieces, but an open file line by line.
+            # By path, since numpy reads a path in large pieces, but an open file line by line.
             table = np.loadtxt(path, delimiter=delimiter, comments=None, ndmin=2, encoding="utf-8")
         return table[:, columns]
     except (ValueError, IndexError, UserWarning):
@@ -154,7 +154,7 @@ def _fast(path: Path, content: bytes, delimiter: str | None, columns: list[int])
 
 
 def _rises(table: np.ndarray) -> bool:
-    """Whether rows are sorted by frame and agent, each pair once; most files are, and need no sort."""
+    """Whether rows are strictly sorted by frame and agent, as in most files."""
     with np.errstate(invalid="ignore"):
         frame, agent = np.diff(table[:, :2], axis=0).T
     return bool(((frame > 0) | ((frame == 0) & (agent > 0))).all())
@@ -197,7 +197,7 @@ def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
     lines = [(number, line) for number, line in enumerate(text.split("\n"), 1) if line.strip()]
     if not lines:
         raise DataError(f"{path} is empty. Expected lines of numbers: {' '.join(_NAMES)}.")
-    # By majority, as the width below, because the first line itself may be the bad one.
+    # By majority, as the width below, because the first line may be bad.
     delimiter = "," if 2 * sum("," in line for _, line in lines) > len(lines) else None
     split = [[field.strip() for field in line.split(delimiter)] for _, line in lines]
     width = Counter(map(len, split)).most_common(1)[0][0]
