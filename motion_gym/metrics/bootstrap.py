@@ -88,62 +88,36 @@ def clustered_interval(
 ) -> Interval:
     """Mean over all finite values, and its percentile bootstrap interval clustered by agent.
 
-    A replicate draws as many clusters as there are, with replacement, and divides the sum of their values by
-    the number of their finite values. All metrics see the same draws. Replicates without a finite value are
-    left out.
+    A replicate draws as many clusters as there are, with replacement, and divides the sum of their values by the number
+    of their finite values. All metrics see the same resamples. Replicates without a finite value are left out.
+
+    A predictor with a style observes randomly drawn reference scenes, and its error depends on the draw. With several
+    draws each replicate resamples the draws and, independently, the agents (the pigeonhole bootstrap: Owen, Annals of
+    Applied Statistics 1, 2007). With D draws the part of the interval that comes from the draws is too narrow by the
+    factor sqrt((D - 1) / D), as the bootstrap of any D values is.
 
     Args:
-        values: [A] or [A, M]; NaN where a metric could not be computed.
+        values: [A]; [D, A] for D draws of reference scenes; or [D, A, M] for M metrics. NaN where a metric could not be
+            computed.
         cluster: [A], ids of agents, unique over all pooled data.
         level: Coverage, between 0 and 1.
         replicates: Number of resamples; None takes ``replicates_for`` the number of clusters.
         seed: Seed of the resamples; the same seed gives the same interval.
 
     Returns:
-        Interval of floats for [A], of [M] arrays for [A, M]. With fewer than two clusters that hold a finite
-        value, low and high are undefined and NaN; with none, so is the mean.
+        Interval of floats, or of [M] arrays for [D, A, M]. With fewer than two clusters that hold a finite value, low
+        and high are undefined and NaN; with none, so is the mean.
 
     Raises:
         SpecError: Shapes do not fit, a value is infinite, or the level or the number of replicates is out of range.
     """
-    values = np.asarray(values, dtype=np.float64)
-    if values.ndim not in (1, 2):
-        raise SpecError(f"values have shape {values.shape}, expected [A] or [A, M].")
-    return interval_over_draws(values[None], cluster, level, replicates, seed)
-
-
-def interval_over_draws(
-    values: np.ndarray, cluster: np.ndarray, level: float = 0.95, replicates: int | None = None, seed: int = 0
-) -> Interval:
-    """Mean over draws and agents, and its bootstrap interval with both resampled.
-
-    A predictor with a style observes randomly drawn reference scenes, and its error depends on the draw. Each replicate
-    resamples the draws and, independently, the agents (the pigeonhole bootstrap: Owen, Annals of Applied Statistics 1,
-    2007). With D draws the part of the interval that comes from the draws is too narrow by the factor
-    sqrt((D - 1) / D), as the bootstrap of any D values is. One draw gives ``clustered_interval``.
-
-    Args:
-        values: [D, A] or [D, A, M] for D draws; NaN where a metric could not be computed.
-        cluster: [A], ids of agents, as for ``clustered_interval``.
-        level: Coverage, between 0 and 1.
-        replicates: Number of resamples; None takes ``replicates_for`` the number of clusters.
-        seed: Seed of the resamples.
-
-    Returns:
-        Interval of floats for [D, A], of [M] arrays for [D, A, M].
-
-    Raises:
-        SpecError: As ``clustered_interval``, or there is no draw.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    if values.ndim not in (2, 3) or not len(values):
-        raise SpecError(f"values have shape {values.shape}, expected [D, A] or [D, A, M] with one draw or more.")
-    table = values if values.ndim == 3 else values[..., None]
-    mean, means = _resampled_means(table, np.asarray(cluster), level, replicates, seed)
+    table = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    if table.ndim > 3 or not len(table):
+        raise SpecError(f"values have shape {np.shape(values)}, expected [A], [D, A] or [D, A, M] with a draw or more.")
+    several = table.ndim == 3
+    mean, means = _resampled_means(table if several else table[..., None], cluster, level, replicates, seed)
     low, high = _percentiles(means, level)
-    if values.ndim == 3:
-        return Interval(mean, low, high)
-    return Interval(float(mean[0]), float(low[0]), float(high[0]))
+    return Interval(mean, low, high) if several else Interval(float(mean[0]), float(low[0]), float(high[0]))
 
 
 def paired_difference(
@@ -161,7 +135,7 @@ def paired_difference(
 
     Args:
         a: [A] values of one predictor, NaN where they could not be computed; or [D, A], one row for each draw of
-            reference scenes, as for ``interval_over_draws``.
+            reference scenes, as for ``clustered_interval``.
         b: [A] or [D, A] values of the other predictor, for the same agent-windows in the same order.
         cluster: [A], ids of agents, as for ``clustered_interval``.
         level: Coverage, between 0 and 1.
@@ -184,7 +158,7 @@ def paired_difference(
     if np.isinf(a).any() or np.isinf(b).any():
         raise SpecError("a or b holds infinite values; only NaN may stand for a value that could not be computed.")
     difference = a - b
-    mean, means = _resampled_means(difference[..., None], np.asarray(cluster), level, replicates, seed)
+    mean, means = _resampled_means(difference[..., None], cluster, level, replicates, seed)
     low, high = _percentiles(means, level)
     drawn = means[np.isfinite(means)]
     tail = min((drawn <= 0).sum(), (drawn >= 0).sum())
@@ -216,7 +190,7 @@ def summarise(
     if not scores:
         return {}
     table = np.stack([np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in scores.values()], axis=2)
-    interval = interval_over_draws(table, observation.agent, level, replicates, seed)
+    interval = clustered_interval(table, observation.agent, level, replicates, seed)
     scene_index, (_, agent) = observation.scene_index, np.unique(observation.agent, return_inverse=True)
     replicates = replicates or replicates_for(len(np.unique(observation.agent)))
     summaries = {}
@@ -233,6 +207,7 @@ def _resampled_means(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The mean [M] of each column of [D, A, M], and its replicates [R, M]: NaN with fewer than two clusters."""
     draws, values, metrics = table.shape
+    cluster = np.asarray(cluster)
     if not 0 < level < 1:
         raise SpecError(f"level is {level!r}, it must lie between 0 and 1; 0.95 is usual.")
     if replicates is not None and replicates < 1:

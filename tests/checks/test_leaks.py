@@ -1,4 +1,4 @@
-"""The leak probe: nothing in the tables leaks, and every planted leak is found where it arises."""
+"""The leak probe: shipped domains and predictors do not leak, and every planted leak of a domain is found."""
 
 import copy
 import dataclasses
@@ -15,7 +15,7 @@ from motion_gym.stepping.stream_clock import StreamClock
 from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
 
-SMALL = {"orca": {"scenes": 40}}
+SMALL = {"orca": {"scenes": 16}}
 ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
 
 
@@ -41,7 +41,7 @@ def test_no_domain_leaks(domain, clock, data):
 @clocks
 @pytest.mark.parametrize("predictor", [name for name in catalog.PREDICTORS if name not in ORACLES])
 def test_no_predictor_leaks(predictor, clock):
-    report = leak_probe(predictor, CrowdWithSigma(scenes=40 if clock == "windows" else 12), clock=clock)
+    report = leak_probe(predictor, CrowdWithSigma(scenes=16 if clock == "windows" else 8), clock=clock)
     assert_nothing_leaks(report)
     assert not report.oracles
 
@@ -87,7 +87,7 @@ class Undeclared(Declared):
 
 
 class Stored(Street):
-    """Its feature is read from a store of its own, by the order of agents or by the nearest position."""
+    """Reads its feature from stored data, by the order of agents or by the nearest position."""
 
     feature_names = ("speed",)
 
@@ -136,7 +136,7 @@ def test_features_from_the_observed_steps_pass():
         assert_nothing_leaks(leak_probe(PLAIN, domain, cuts=1))
 
 
-def test_numbers_that_count_those_to_come_are_found(monkeypatch):
+def test_ids_that_count_later_agents_are_found(monkeypatch):
     make = StreamClock.__init__
 
     def by_id(self, *arguments):
@@ -192,7 +192,7 @@ def test_a_domain_that_keeps_its_recordings_is_probed_and_stays_as_it_was():
     assert keeps.windows("test") is before and keeps.recordings("test") is held
 
 
-def test_nothing_that_is_given_is_changed():
+def test_arguments_are_not_changed():
     domain, predictor = Orca(scenes=20), Recalls()
     predictor.errors = [1.0]
     domain.windows("test")

@@ -65,8 +65,8 @@ def scores(predictor: str, shift: float) -> dict[str, float]:
 
 
 def online(predictor: str, shift: float, adapter: str | None = None) -> float:
-    made = predictor if adapter is None else motion_gym.adapter(adapter, predictor)
-    return motion_gym.evaluate_online(made, Walkers(shift, -shift)).ade.mean
+    learner = predictor if adapter is None else motion_gym.adapter(adapter, predictor)
+    return motion_gym.evaluate_online(learner, Walkers(shift, -shift)).ade.mean
 
 
 @pytest.mark.parametrize("predictor", PREDICTORS)

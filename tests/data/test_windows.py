@@ -52,13 +52,13 @@ def plain_windows(recording: Recording, min_agents: int, stride: int):
         (int(f), int(a)): tuple(xy) for f, a, xy in zip(recording.frame, recording.agent, recording.xy, strict=True)
     }
     ids = sorted({a for _, a in where})
-    found = []
+    windows = []
     for start in range(0, len(frames) - 19, stride):
         chosen = frames[start : start + 20]
         complete = [a for a in ids if all((f, a) in where for f in chosen)]
         if len(complete) >= max(1, min_agents):
-            found.append((complete, [[where[f, a] for f in chosen] for a in complete]))
-    return found
+            windows.append((complete, [[where[f, a] for f in chosen] for a in complete]))
+    return windows
 
 
 def assert_windows(truth: Truth, expected) -> None:

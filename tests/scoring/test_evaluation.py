@@ -16,10 +16,10 @@ from tests.predictors_to_score import CROWD, PAIRS, ROUNDING, Counts, Noisy, Wei
     ("name", "k"), [("noisy", 1), ("linear", 1), *((name, 3) for name in (*PREDICTORS, "noisy", "weighted"))]
 )
 def test_stepping_the_environment_gives_the_same_scores(name, k):
-    made = {"noisy": Noisy, "weighted": Weighted}.get(name, name)
+    predictor = {"noisy": Noisy, "weighted": Weighted}.get(name, name)
     pairs = name in ("refine", "transfer") or name.startswith(("style_", "modular"))
     place = PAIRS if pairs else CROWD
-    one, other = (evaluate(made, place, k=k, seed=3, through=through) for through in ("arrays", "environment"))
+    one, other = (evaluate(predictor, place, k=k, seed=3, through=through) for through in ("arrays", "environment"))
     assert list(one.metrics) == list(other.metrics) == [row.name for row in metric_rows(k)]
     for metric in one.metrics:
         # A log density of a few samples divides squared distances by the square of the kernel's width, 0.01 m or so.

@@ -51,17 +51,17 @@ def plain_stream(places: list[Recording]) -> list[PlainStep]:
         for agent in seen:
             path.setdefault(agent, []).append(seen[agent])
         errors: dict[int, list[float]] = {}
-        for made in outstanding:
-            if made["done"]:
+        for forecast in outstanding:
+            if forecast["done"]:
                 continue
-            if name_of.get(made["agent"]) == made["name"]:
-                known = path[made["agent"]][-1]
-                point = made["points"][len(made["future"])]
-                errors.setdefault(made["name"], []).append(float(np.hypot(*(point.astype(float) - known))))
-                made["future"].append(known)
-                made["done"] = len(made["future"]) == 12
+            if name_of.get(forecast["agent"]) == forecast["name"]:
+                known = path[forecast["agent"]][-1]
+                point = forecast["points"][len(forecast["future"])]
+                errors.setdefault(forecast["name"], []).append(float(np.hypot(*(point.astype(float) - known))))
+                forecast["future"].append(known)
+                forecast["done"] = len(forecast["future"]) == 12
             else:
-                made["done"] = True
+                forecast["done"] = True
         rewards = [-np.mean(errors[n]) if n in errors else 0.0 for n in steps[-1].names]
         waiting.rewards = [a + b for a, b in zip(waiting.rewards or [0.0] * len(rewards), rewards, strict=True)]
         open_scenes = {m["made"] for m in outstanding if not m["done"]}
@@ -78,8 +78,8 @@ def plain_stream(places: list[Recording]) -> list[PlainStep]:
         waiting.histories = [path[a][-8:] for a in observed]
         steps.append(waiting)
         for agent, points in zip(observed, positions_for(waiting.names, time)[:, 0], strict=True):
-            made = dict(made=time, name=name_of[agent], agent=agent, points=points, future=[], done=False)
-            outstanding.append(made)
+            forecast = dict(made=time, name=name_of[agent], agent=agent, points=points, future=[], done=False)
+            outstanding.append(forecast)
         waiting = PlainStep(-1, [], [], [])
     return steps[1:]
 
@@ -107,7 +107,7 @@ def test_stream_rewards_are_those_of_the_definition(places):
 @some
 @given(recordings())
 def test_stream_settles_each_scene_once_and_when_it_is_due(places):
-    made = set()
+    settled_forecasts = set()
     for step, expected in zip(play(StreamClock(places)).steps, plain_stream(places), strict=True):
         settled = step.settled
         assert (settled is None) == (not expected.settled)
@@ -124,9 +124,9 @@ def test_stream_settles_each_scene_once_and_when_it_is_due(places):
             np.testing.assert_array_equal(settled.truth.future[i, known], np.array(future, np.float32).reshape(-1, 2))
             assert (settled.truth.future[i, ~known] == 0).all()
             np.testing.assert_array_equal(settled.forecast.positions[i], positions_for([name], time)[0])
-            assert (time, name) not in made
-            made.add((time, name))
-    assert made == {(p.time, name) for p in plain_stream(places) for name in p.names}
+            assert (time, name) not in settled_forecasts
+            settled_forecasts.add((time, name))
+    assert settled_forecasts == {(p.time, name) for p in plain_stream(places) for name in p.names}
 
 
 def cut(places: list[Recording], time: int) -> list[Recording]:
@@ -236,14 +236,14 @@ def test_latest_paths_are_the_last_forecasts_of_those_who_stayed(places):
     step = clock.reset()
     assert clock.latest_paths().shape[0] == 0
     while len(step.observation):
-        names, made, last = step.identity.tolist(), clock.time, step.observation.xy[:, -1]
-        positions = positions_for(names, made)
+        names, now, last = step.identity.tolist(), clock.time, step.observation.xy[:, -1]
+        positions = positions_for(names, now)
         step = clock.step(Forecast(positions))
         stayed = [i for i, name in enumerate(names) if name in step.identity]
         expected = np.concatenate([np.repeat(last[stayed, None, None], 2, axis=1), positions[stayed]], axis=2)
         if stayed:
             np.testing.assert_allclose(clock.latest_paths(), expected, rtol=1e-6)
-        assert all(made - stored.made < 12 for stored in clock.ledger)
+        assert all(now - stored.made < 12 for stored in clock.ledger)
 
 
 def test_an_agent_lost_for_one_frame_is_a_new_agent_but_the_same_person():
