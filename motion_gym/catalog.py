@@ -210,11 +210,11 @@ def adapter(spec: str | type, of: str | Predictor, **parameters: Any) -> Predict
         SpecError: A name or a parameter is not known, or a value is not allowed.
         PredictorError: The adapter cannot adapt this predictor.
     """
-    if "of" in parameters or (isinstance(spec, str) and "of" in parse_spec(spec)[1]):
+    if isinstance(spec, str) and "of" in parse_spec(spec)[1]:
         raise SpecError(f"`of` in `{spec}` is the predictor to adapt, which has its own argument: leave it out.")
     inner = predictor(of)
     if not isinstance(spec, str) or parse_spec(spec)[0] not in ADAPTERS:
-        inner = load_class("motion_gym.stepping.harness:Asked")(inner)  # its predict may return an array
+        inner = load_class("motion_gym.stepping.harness:CheckedPredictor")(inner)  # its predict may return an array
     return _make(spec, {**parameters, "of": inner}, _ADAPTER)
 
 

@@ -42,7 +42,7 @@ def no_class_memory(predictor: Any, name: str) -> Iterator[None]:
                 touched.append(f"{kind.__name__}.{key}")
                 if content is None:
                     delattr(kind, key)
-                elif value is not None:
+                else:
                     setattr(kind, key, value)
     if touched:
         raise PredictorError(
@@ -81,8 +81,8 @@ def _data(kind: type) -> dict[str, Any]:
 
 
 def _copied(value: Any) -> Any:
-    """A copy; None if the value cannot be copied."""
+    """A copy, or the value itself if it cannot be copied."""
     try:
         return copy.deepcopy(value)
     except Exception:
-        return None
+        return value

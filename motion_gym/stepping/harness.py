@@ -183,7 +183,7 @@ def _locked(array: np.ndarray) -> np.ndarray:
     return copy
 
 
-class Asked:
+class CheckedPredictor:
     """Wraps a predictor so that ``predict`` returns a checked Forecast; every other attribute is the predictor's own.
 
     A user's adapter gets this instead of the predictor, whose ``predict`` may return an array.
