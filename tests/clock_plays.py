@@ -18,7 +18,7 @@ some = settings(max_examples=30, deadline=None)
 
 @st.composite
 def recordings(draw):
-    """One or two places; agents leave, are lost and found again, and frames without anybody are not listed."""
+    """One or two places; agents leave, are lost and found again, and frames without an agent are not listed."""
     places = []
     for place in range(draw(st.integers(1, 2))):
         rows = []
@@ -34,7 +34,7 @@ def recordings(draw):
 
 
 def positions_for(names: list[int], time: int, samples: int = 2) -> np.ndarray:
-    """[A, K, 12, 2] forecasts that depend on nothing but who forecasts, and when."""
+    """[A, K, 12, 2] forecasts that depend on the agent and the time alone."""
     inner = np.arange(samples * 24).reshape(samples, 12, 2)
     outer = 7.3 * np.array(names, float).reshape(-1, 1, 1, 1) + 0.37 * time
     return (9 * np.sin(outer + 1.9 * inner)).astype(np.float32)
@@ -42,7 +42,7 @@ def positions_for(names: list[int], time: int, samples: int = 2) -> np.ndarray:
 
 @dataclass
 class Played:
-    """What a clock handed out: its first step, and then what came of each forecast."""
+    """The steps of an episode of a clock."""
 
     steps: list[Step] = field(default_factory=list)
     times: list[int] = field(default_factory=list)

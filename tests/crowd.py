@@ -13,11 +13,11 @@ from motion_gym.data.domains import RecordedDomain
 from motion_gym.stepping.pettingzoo_env import ForecastEnv
 
 SPELLS = {2: [(0, 45)], 5: [(3, 24), (28, 40)], 7: [(5, 12)], 9: [(0, 20), (21, 45)], 4: [(30, 38)]}
-"""Frames from .. to of each agent: one stays, two are lost and found again, one is gone too soon, one comes late."""
+"""Frames from .. to of each agent: one stays, two are lost and found again, one leaves too soon, one enters late."""
 
 
 class Crowd(RecordedDomain):
-    """Small, and made of all that can happen on a stream."""
+    """A small crowd with all events of a stream."""
 
     name = "crowd"
 
@@ -39,7 +39,7 @@ def random_actions(env: ForecastEnv, rng: np.random.Generator) -> dict[str, np.n
 
 
 def episode(env: ForecastEnv, seed: int = 0, spoil=None) -> list[tuple]:
-    """Everything that an episode of random actions hands out, copied before it is given to ``spoil``."""
+    """Copies of all return values of an episode of random actions; ``spoil`` gets the originals."""
     rng, outcome, actions, tape = np.random.default_rng(seed), env.reset(), {}, []
     while True:
         tape.append(pickle.loads(pickle.dumps(outcome)) if spoil else outcome)

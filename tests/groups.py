@@ -36,7 +36,7 @@ def actions_for(windows, samples: int = 1, agents: int = AGENTS) -> np.ndarray:
 
 
 def episode(env, spoil: bool = False) -> list[tuple]:
-    """Everything that an episode hands out; with ``spoil`` it is overwritten, and each action, once it was copied."""
+    """Copies of all return values of an episode; with ``spoil``, originals and actions are overwritten."""
     tape, outcome, ended, window = [], env.reset(), False, 0
     while True:
         tape.append(pickle.loads(pickle.dumps(outcome)))

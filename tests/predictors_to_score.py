@@ -20,7 +20,7 @@ PAIRS = make("orca", d=0.6, scenes=150)
 
 
 class Noisy:
-    """Draws around the last position; every agent from its own numbers, so that batches do not matter."""
+    """Draws around the last position, for every agent from its history, independently of the batch."""
 
     selection = "no weights"
 
@@ -40,7 +40,7 @@ class Weighted(Noisy):
 
 
 class Log:
-    """What was done to a predictor; its copies write into the same log."""
+    """Calls of a predictor; its copies write into the same log."""
 
     def __init__(self):
         self.scenes, self.resets = [], 0
@@ -50,7 +50,7 @@ class Log:
 
 
 class Counts:
-    """Remembers what it was shown, and forecasts it where it can."""
+    """Stores observed futures, and forecasts them."""
 
     def __init__(self, log=None):
         self.log = log or Log()

@@ -39,7 +39,7 @@ def assert_nothing_leaks(report):
 
 
 def only_leak(report):
-    """The one leak of a report, and that the report says it."""
+    """The only leak of a report, which ``str`` of the report names."""
     assert len(report.leaks) == 1, str(report)
     assert not report.ok and f"LEAK: {report.leaks[0]}" in str(report)
     return report.leaks[0]
@@ -49,7 +49,7 @@ def only_leak(report):
 
 
 class Recalls(ConstantVelocity):
-    """Honest: adds the mean last error of those it has seen."""
+    """Honest: adds the mean error of the observed truths."""
 
     def __init__(self):
         super().__init__()

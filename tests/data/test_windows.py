@@ -33,7 +33,7 @@ SPELLS = st.sampled_from((1, 7, 8, 12, 19, 20, 22, 30))
 
 @st.composite
 def recordings(draw):
-    """Up to five agents, each in sight for up to three spells; a frame is listed only if somebody is in sight."""
+    """Up to five agents, each in sight for up to three spells; a frame is listed only if an agent is in sight."""
     rows = []
     for agent in draw(st.lists(st.integers(0, 9), unique=True, max_size=5)):
         frame = draw(st.integers(0, 6))

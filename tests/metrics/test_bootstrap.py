@@ -27,7 +27,7 @@ def samples(draw):
 
 
 def plain_interval(values, cluster, level, replicates, seed):
-    """Draws ids one replicate at a time and pools their values."""
+    """Resamples ids one replicate at a time and pools their values."""
     ids, rng = sorted(set(cluster.tolist())), np.random.default_rng(seed)
     groups = [values[(cluster == i) & np.isfinite(values)] for i in ids]
     everything = np.concatenate([np.empty(0), *groups])
@@ -168,7 +168,7 @@ def test_draws_that_agree_add_nothing(sample, draws):
 
 
 def plain_interval_over_draws(values, cluster, replicates, seed):
-    """Draws draws and agents one replicate at a time and pools their values."""
+    """Resamples draws and agents one replicate at a time and pools their values."""
     ids = np.unique(cluster)
     by_draw, by_agent = np.random.default_rng((seed, 1)), np.random.default_rng(seed)
     means = []

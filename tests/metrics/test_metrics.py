@@ -1,4 +1,4 @@
-"""Metrics against slow references in plain Python, symmetries of the plane, and the errors people meet."""
+"""Metrics against slow references in plain Python, symmetries of the plane, and errors."""
 
 import math
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Verification by order: whoever uses later scenes of the batch is found, and honest predictors are accepted."""
+"""Verification by order: predictors that use later scenes of the batch are refused, and honest ones accepted."""
 
 import sys
 
@@ -50,7 +50,7 @@ class ReadsLaterWindows:
 
 
 class ReadsIntoItsClass(ReadsLaterWindows):
-    """The same, with what it remembers in its class."""
+    """Does the same with a store in its class."""
 
     store: dict = {}  # noqa: RUF012
 

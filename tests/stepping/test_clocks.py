@@ -28,7 +28,7 @@ class PlainStep:
     histories: list[list]
     rewards: list[float] = field(default_factory=list)
     settled: list[tuple] = field(default_factory=list)
-    """(made, name, agent, future, known) of each forecast that was settled on the way here"""
+    """(made, name, agent, future, known) of each forecast that was settled before this step"""
 
 
 def plain_stream(places: list[Recording]) -> list[PlainStep]:
@@ -130,7 +130,7 @@ def test_stream_settles_each_scene_once_and_when_it_is_due(places):
 
 
 def cut(places: list[Recording], time: int) -> list[Recording]:
-    """The world up to a time, in listed frames over all recordings."""
+    """Recordings up to a time, in listed frames over all recordings."""
     parts, start = [], 0
     for place in places:
         frames = np.unique(place.frame)

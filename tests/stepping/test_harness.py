@@ -1,4 +1,4 @@
-"""How the harness uses a predictor: copies in, checked copies out, and every fault named."""
+"""The harness passes copies to a predictor, checks its answers, and names every fault."""
 
 import copy
 import sys
@@ -29,7 +29,7 @@ class Answers:
 
 
 class Logbook:
-    """Has every method, and writes down what was called."""
+    """Has every method, and records its calls."""
 
     name = "logbook"
 

@@ -1,4 +1,4 @@
-"""Forecasts that wait for their truth."""
+"""The ledger of forecasts that wait for their ground truth."""
 
 import dataclasses
 

@@ -29,7 +29,7 @@ BAD = {
 
 
 def assert_unmoved(env: ForecastEnv, twin: ForecastEnv, bad, message: str) -> None:
-    """A bad action is refused, and the episode then goes on as if it had never been given."""
+    """A bad action is refused, and does not change the rest of the episode."""
     rng = np.random.default_rng(1)
     with pytest.raises(ActionError, match=message):
         env.step(bad)

@@ -21,7 +21,7 @@ played = pytest.mark.parametrize(
 
 @pytest.fixture
 def make(request):
-    """Make an environment; skips where it needs data that is not here."""
+    """Make an environment; skip if its data is missing."""
 
     def maker(spec="crowd", clock="windows", **arguments):
         if spec.startswith("eth"):
@@ -57,7 +57,7 @@ def test_seed_and_options_change_nothing(make, spec, clock):
 
 @played
 def test_what_was_handed_out_belongs_to_the_caller(make, spec, clock):
-    """No array is handed out twice, and overwriting each one at once (and each action) changes nothing later."""
+    """No array is returned twice, and overwriting each array and action changes nothing later."""
     env, kept, expected = make(spec, clock), [], episode(make(spec, clock))
 
     def overwrite(outcome):

@@ -16,7 +16,7 @@ from motion_gym.stepping.render import FORECAST_COLOR, HISTORY_COLOR, TRUTH_COLO
 
 
 class Lanes(RecordedDomain):
-    """People side by side, each in a lane of their own."""
+    """People walk side by side in separate lanes."""
 
     name = "lanes"
 
@@ -29,7 +29,7 @@ class Lanes(RecordedDomain):
 
 
 def straight(env, samples: int = 1, drift: float = 0.0) -> dict[str, np.ndarray]:
-    """Everybody walks on along x, the samples fanning out by ``drift`` metres."""
+    """Everyone walks along x; the samples fan out by ``drift`` metres."""
     actions = {}
     for name, (x, y) in zip(env.agents, env._step.observation.xy[:, -1], strict=True):
         ahead = np.arange(1, 13)
@@ -214,7 +214,7 @@ class Far(RecordedDomain):
     name = "far"
 
     def recordings(self, split):
-        """The same for all splits."""
+        """The same recording for all splits."""
         xy = np.array([471_000.0, 5_501_000.0]) + 0.5 * np.arange(30)[:, None]
         return [Recording(np.arange(30), np.zeros(30, np.int64), xy, self.dt)]
 

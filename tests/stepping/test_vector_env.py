@@ -44,7 +44,7 @@ def test_the_vector_environment_draws_no_pictures():
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 11])
 def test_the_vector_environment_plays_each_window_once_then_all_again(n):
-    """Also where n does not divide the windows: those that end first are reset by the step that follows."""
+    """Also if n does not divide the number of windows: the next step resets environments that end first."""
     single = episode(WindowEnv(Groups()))
     rewards = [outcome[1] for outcome in single[1:]]
     env = WindowVectorEnv(Groups(), n)

@@ -20,7 +20,7 @@ SPECS = ["eth:alpha=8", "orca:scenes=20,agents=3,d=0.6"]
 
 
 class Wobble:
-    """Samples that are scattered around constant velocity, and depend on nothing but the history of their agent."""
+    """Samples around constant velocity that depend on the history of their agent alone."""
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         xy = observation.xy
