@@ -120,7 +120,7 @@ PREDICTORS = {
     ),
     "refine": Entry(
         "motion_gym.predictors.adapters.refine:Refine",
-        "around modular: refines each forecast towards the style; needs what that one needs",
+        "around modular: refines each forecast towards the style; needs PyTorch and scenes of two agents",
     ),
     "ego_erm": Entry(
         "motion_gym.predictors.ego:EgoErm", "network in each agent's own frame, any neighbours, no style; needs PyTorch"

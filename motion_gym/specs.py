@@ -24,7 +24,7 @@ _PARAMETER = re.compile(
 
 
 def suggest(name: str, allowed: Iterable[str]) -> str:
-    """Sentence for an unknown name: what was probably meant, and what is allowed."""
+    """Sentence for an unknown name: the most similar name, and all allowed names."""
     allowed = sorted(allowed)
     lower = {word.lower(): word for word in allowed}
     close = difflib.get_close_matches(name.lower(), lower, n=1)

@@ -70,7 +70,7 @@ class LeakReport:
         lines = [
             f"{self.predictor} on {self.domain}, {self.clock} clock, split {self.split}: "
             + ("no leak found." if self.ok else f"{len(self.leaks)} found to LEAK."),
-            f"data changed after times {', '.join(map(str, self.cuts))}, in what {self.changed} gives",
+            f"data changed after times {', '.join(map(str, self.cuts))}, in the result of {self.changed}",
             "compared: " + ", ".join(f"{n} {kind}" for kind, n in self.checked.items()),
         ]
         lines += [f"LEAK: {leak}" for leak in self.leaks]
@@ -85,7 +85,7 @@ class LeakReport:
 
 @dataclass
 class _Tape:
-    """All values handed out in one play, by time and kind, and what the predictor was shown and told."""
+    """All values handed out in one play, by time and kind, and the predictor's observations and truths."""
 
     rows: dict[tuple[int, str], tuple[list[str], np.ndarray]] = field(default_factory=dict)
     states: dict[int, dict[str, int]] = field(default_factory=dict)
@@ -255,8 +255,10 @@ def _compare(
             break
         (names, a), (others, b) = (t.rows.get((time, kind), ([], np.zeros(0))) for t in (first, second))
         if names != others:
-            who = next((n for n in (*names, *others) if (n in names) != (n in others)), "the order")
-            differences.setdefault("who", f"who is observed at time {time} ({who}) changes with data after time {stop}")
+            agent = next((n for n in (*names, *others) if (n in names) != (n in others)), "the order")
+            differences.setdefault(
+                "who", f"who is observed at time {time} ({agent}) changes with data after time {stop}"
+            )
             break
         checked[kind] += len(names)
         features = list(card.features) if kind.endswith("histories") else []
@@ -273,11 +275,11 @@ def _compare(
         checked["states"] += 1
         touched = changed(first.states[time], second.states[time])
         if touched and "states" not in differences:
-            what = f"what the predictor holds ({', '.join(touched[:3])})"
+            state = f"what the predictor holds ({', '.join(touched[:3])})"
             differences["states"] = (
-                f"{what} differs in a second episode: reset() does not forget it, or it reads the domain"
+                f"{state} differs in a second episode: reset() does not forget it, or it reads the domain"
                 if time == START
-                else f"{what} at time {time} changes with data after time {stop}, which it was not shown"
+                else f"{state} at time {time} changes with data after time {stop}, which it was not shown"
             )
     return differences
 

@@ -20,7 +20,7 @@ TrainingSet = tuple[list[Truth], list[Truth]]
 
 LIBRARY_METHODS = {
     "windows": "give recordings(split), and the library cuts all windows; min_agents and stride choose among them",
-    "reference": 'give the reference scenes as recordings("reference"), which must not share people with those scored',
+    "reference": 'give the reference scenes as recordings("reference"), without people of the scored scenes',
     "history": "give features(history), which receives the observed steps alone, or declare side_channels",
 }
 """Methods that a subclass of RecordedDomain must not define, and what to define instead."""
@@ -147,12 +147,12 @@ class RecordedDomain:
         if split not in self.splits:
             raise SpecError(f"Domain `{self.name}` has no split `{split}`.{suggest(str(split), self.splits)}")
 
-    def kept(self, what: str, make: Callable[[], Kept]) -> Kept:
+    def kept(self, key: str, make: Callable[[], Kept]) -> Kept:
         """The result of ``make``, computed once per object; it is not pickled."""
         store = self.__dict__.setdefault("_made_once", {})
-        if what not in store:
-            store[what] = make()
-        return store[what]
+        if key not in store:
+            store[key] = make()
+        return store[key]
 
     def _windows(self, split: str) -> Truth:
         tracks = [Tracks.of(recording) for recording in self.recordings(split)]

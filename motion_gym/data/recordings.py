@@ -33,7 +33,7 @@ class _Fault(NamedTuple):
     row: int
     earlier: int | None
     kind: str
-    what: str
+    description: str
 
 
 def read_recording(
@@ -93,7 +93,7 @@ def read_recording(
 
 
 def check_recording(recording: Recording) -> None:
-    """Check the values of a recording that was built in memory, as those of a file are checked.
+    """Check the values of a recording that was built in memory, in the same way as a file.
 
     Raises:
         DataError: A row is bad; the message names the first bad row, counted from 0, and the remedy.
@@ -114,7 +114,7 @@ def check_recording(recording: Recording) -> None:
             "duplicate": "Keep one of the two rows, or give the second agent another id.",
         }.get(fault.kind, "Correct or leave out the row.")
         earlier = "" if fault.earlier is None else f" (row {fault.earlier})"
-        raise DataError(f"recording {name}, row {fault.row}: {fault.what}{earlier}. {remedy}")
+        raise DataError(f"recording {name}, row {fault.row}: {fault.description}{earlier}. {remedy}")
     far = np.abs(recording.xy - recording.origin).max(axis=1) > FARTHEST
     if far.any():
         row = int(far.argmax())
@@ -182,13 +182,13 @@ def _first_fault(table: np.ndarray) -> _Fault | None:
     row, clash = rows[kind], {"order": rows[kind] - 1, "duplicate": int(earlier[rows[kind]])}.get(kind)
     frame, agent = (f"{value:.17g}" for value in table[row, :2])
     column = int((~np.isfinite(table[row]) if kind == "finite" else broken[row]).argmax())
-    what = {
+    description = {
         "finite": f"{_NAMES[column]} is {table[row, column]}, not a finite number",
         "whole": f"{_NAMES[column]} is {table[row, column]:.17g}, not a whole number below 2**53",
         "order": f"frame {frame} comes after frame {table[row - 1, 0]:.17g}",
         "duplicate": f"frame {frame} has agent {agent} a second time",
     }[kind]
-    return _Fault(row, clash, kind, what)
+    return _Fault(row, clash, kind, description)
 
 
 def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
@@ -214,14 +214,14 @@ def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
     fault = _first_fault(table)
     if fault is not None:
         earlier = "" if fault.earlier is None else f" (line {lines[fault.earlier][0]})"
-        _refuse(path, *lines[fault.row], fault.what + earlier, _remedy(fault.kind, path, delimiter, columns))
+        _refuse(path, *lines[fault.row], fault.description + earlier, _remedy(fault.kind, path, delimiter, columns))
     if good < len(lines):
         _refuse(path, *lines[good], *(bad[good] or ("", "")))
     return table
 
 
 def _bad_line(fields: list[str], width: int, columns: list[int]) -> tuple[str, str] | None:
-    """What is wrong with the fields of a line, and the remedy."""
+    """The fault of the fields of a line and its remedy; None if there is no fault."""
     text = next((number for number, field in enumerate(fields) if not _NUMBER.fullmatch(field)), None)
     if len(fields) != width:
         return f"{len(fields)} columns where the other lines have {width}", "Correct or delete the line."
@@ -251,9 +251,9 @@ def _remedy(kind: str, path: Path, delimiter: str | None, columns: list[int]) ->
     }[kind]
 
 
-def _refuse(path: Path, number: int, line: str, what: str, remedy: str) -> NoReturn:
+def _refuse(path: Path, number: int, line: str, fault: str, remedy: str) -> NoReturn:
     shown = line if len(line) <= 100 else line[:100] + "..."
     raise DataError(
-        f"{path}, line {number}: {what}: {shown!r}. Expected {' '.join(_NAMES)} in each line, frames and ids "
+        f"{path}, line {number}: {fault}: {shown!r}. Expected {' '.join(_NAMES)} in each line, frames and ids "
         f"whole numbers, x and y finite. {remedy}"
     )

@@ -1,4 +1,4 @@
-"""The check of forecasts, for those that predictors return, ledgers store and metrics score."""
+"""The check of forecasts from predictors, in ledgers and in metrics."""
 
 from __future__ import annotations
 

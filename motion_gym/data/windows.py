@@ -1,4 +1,4 @@
-"""From a recording to tracks, and from tracks to windows; all of it is array operations."""
+"""Tracks of recordings, and windows of tracks, as array operations."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Tracks:
             check_recording(recording)
         frames, tick = np.unique(recording.frame, return_inverse=True)
         order = np.lexsort((tick, recording.agent))
-        # Not negative, so that ids of several recordings can be told apart by adding to them.
+        # Not negative, so that an offset per recording makes ids of several recordings unique.
         tick, agent = tick[order].astype(np.int64), recording.agent[order] - recording.agent.min(initial=0)
         new = np.ones(len(tick), bool)
         new[1:] = (agent[1:] != agent[:-1]) | (tick[1:] != tick[:-1] + 1)
@@ -213,7 +213,7 @@ def whole_scenes(truth: Truth) -> np.ndarray:
     return np.setdiff1d(np.arange(truth.observation.scenes), unknown)
 
 
-def check_truth(truth: Any, what: str) -> Truth:
+def check_truth(truth: Any, name: str) -> Truth:
     """The truth, if it can be scored.
 
     Raises:
@@ -221,10 +221,10 @@ def check_truth(truth: Any, what: str) -> Truth:
             a value is not finite.
     """
     if not isinstance(truth, Truth) or not isinstance(truth.observation, Observation):
-        raise DataError(f"{what} is a {type(truth).__name__}, not a Truth with its Observation.")
+        raise DataError(f"{name} is a {type(truth).__name__}, not a Truth with its Observation.")
     seen = truth.observation
     agents = len(truth.future) if isinstance(truth.future, np.ndarray) else -1
-    for name, array, shape, kind in (
+    for field, array, shape, kind in (
         ("future", truth.future, (agents, FUTURE, 2), "float32"),
         ("known", truth.known, (agents, FUTURE), "bool"),
         ("history", seen.history, (agents, HISTORY, -1), "float32"),
@@ -236,17 +236,17 @@ def check_truth(truth: Any, what: str) -> Truth:
         if not right or any(n not in (m, -1) for m, n in zip(array.shape, shape, strict=True)):
             got = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
             expected = ", ".join("?" if n == -1 else str(n) for n in shape)
-            raise DataError(f"{what}: {name} is {got}, expected {kind} ({expected}).")
+            raise DataError(f"{name}: {field} is {got}, expected {kind} ({expected}).")
     sizes = np.diff(seen.scene)
     if not len(seen.scene) or seen.scene[0] != 0 or seen.scene[-1] != agents or (sizes < 1).any():
         raise DataError(
-            f"{what}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
+            f"{name}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
         )
     order, scene = np.lexsort((seen.agent, seen.scene_index)), seen.scene_index
     if ((np.diff(seen.agent[order]) == 0) & (np.diff(scene[order]) == 0)).any():
-        raise DataError(f"{what}: an agent is in one scene twice; give every agent of a scene an id of its own.")
+        raise DataError(f"{name}: an agent is in one scene twice; give every agent of a scene an id of its own.")
     if seen.history.shape[2] < 2 or not np.isfinite(seen.history).all() or not np.isfinite(truth.future).all():
-        raise DataError(f"{what}: history and future must be finite, and 0 where they are not known.")
+        raise DataError(f"{name}: history and future must be finite, and 0 where they are not known.")
     return truth
 
 

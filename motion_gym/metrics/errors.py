@@ -336,4 +336,4 @@ def _log_density(
 
 def _check_k(k: int) -> None:
     if k < 1:
-        raise SpecError(f"k is {k!r}; it is a number of samples, so it must be 1 or more.")
+        raise SpecError(f"k is {k!r}; the number of samples must be 1 or more.")

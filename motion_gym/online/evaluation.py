@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from motion_gym import catalog
 from motion_gym.contract import FUTURE, DataError, Domain, Predictor, PredictorError, SpecError
 from motion_gym.online.checkpoints import Checkpoint, identity_of
 from motion_gym.online.class_memory import no_class_memory
-from motion_gym.online.run import Options, Run
+from motion_gym.online.run import Run
 from motion_gym.online.scores import OnlineCard, SegmentScore, curve_of, returns_of, shifts_of, summary_of
 from motion_gym.online.streams import Stream, stream
 from motion_gym.scoring.cards import declared_leaks, peak_memory
@@ -91,7 +91,7 @@ def evaluate_online(
     """
     cost = check_options(labels, scope, realtime, cost)
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
-    options = Options(labels, scope, realtime, cost, seed)
+    options: dict[str, Any] = dict(labels=labels, scope=scope, realtime=realtime, cost=cost, seed=seed)
     played = on if isinstance(on, Stream) else stream(on)
     runner = ready(copied(predictor), played.domains[0], seed)
     name = predictor if isinstance(predictor, str) else name_of(runner)
@@ -99,10 +99,10 @@ def evaluate_online(
         raise PredictorError(f"{name} learns (`observe`) and cannot forget: `scope=place` needs a method `reset`.")
     kept = None
     if checkpoint is not None:
-        identity = identity_of(runner, played, dataclasses.asdict(options), name)
+        identity = identity_of(runner, played, options, name)
         kept = Checkpoint(Path(checkpoint), identity)
     with no_class_memory(runner, name):
-        run = Run(runner, played, options)
+        run = Run(runner, played, **options)
         if kept is not None and (before := kept.load()) is not None:
             run.go_on(before)
         _play(run, name, kept, report)
@@ -139,7 +139,7 @@ def check_options(labels: str, scope: str, realtime: bool, cost: float | None) -
 
 def _card(run: Run, name: str) -> OnlineCard:
     """The scores of a run that is over."""
-    played, options, dt = run.stream, run.options, run.stream.dt
+    played, dt = run.stream, run.stream.dt
     matured = np.isfinite(run.columns["ade"])
     if not matured.any():
         raise DataError(f"No forecast matured on {played.name}: give a stream on which people stay for 20 steps.")
@@ -174,13 +174,13 @@ def _card(run: Run, name: str) -> OnlineCard:
             }
             for label, card in cards.items()
         },
-        labels=options.labels,
-        scope=options.scope,
-        realtime=options.realtime,
-        cost=options.cost,
+        labels=run.labels,
+        scope=run.scope,
+        realtime=run.realtime,
+        cost=run.cost,
         protocol="honest",
         k=1,
-        seed=options.seed,
+        seed=run.seed,
         ade=summary_of(ade, person, made),
         fde=summary_of(fde, person, made),
         censored=int((~matured).sum()),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,17 +16,6 @@ from motion_gym.online.streams import Stream
 from motion_gym.stepping.clocks import Settled, Step
 from motion_gym.stepping.harness import ask, copied, guarded, name_of, tell
 from motion_gym.stepping.snapshot import changed, snapshot
-
-
-@dataclass(frozen=True)
-class Options:
-    """The options of ``evaluate_online`` that change its scores."""
-
-    labels: str
-    scope: str
-    realtime: bool
-    cost: float | None
-    seed: int
 
 
 class Run:
@@ -47,11 +35,14 @@ class Run:
         skipped: Number of steps at which ground truth was revealed during an update.
     """
 
-    def __init__(self, predictor: Any, played: Stream, options: Options):
-        self.predictor = PerAgent(predictor) if options.scope == "agent" and _learns(predictor) else predictor
-        self.options, self.stream = options, played
+    def __init__(
+        self, predictor: Any, stream: Stream, labels: str, scope: str, realtime: bool, cost: float | None, seed: int
+    ):
+        self.predictor = PerAgent(predictor) if scope == "agent" and _learns(predictor) else predictor
+        self.stream, self.labels, self.scope = stream, labels, scope
+        self.realtime, self.cost, self.seed = realtime, cost, seed
         # A copy, since other evaluations may play the same stream; the ledger keeps nothing that is settled.
-        self.clock = copy.copy(played.clock)
+        self.clock = copy.copy(stream.clock)
         self.clock.keep = self.clock.rewards = False
         self.step: Step = self.clock.reset()
         self.learner: tuple[Any, float] | None = None
@@ -60,10 +51,10 @@ class Run:
         self.columns |= {key: np.full(self.clock.count, -1, np.int32) for key in ("made", "person")}
         self.count = self.rolled_back = self.skipped = 0
         self.seconds = np.full((len(self.clock.times), 2), np.nan, np.float32)
-        self.updates = np.zeros(len(played.ends), np.int64)
+        self.updates = np.zeros(len(stream.ends), np.int64)
 
     def __getstate__(self) -> dict[str, Any]:
-        state = {key: value for key, value in vars(self).items() if key not in ("options", "stream", "clock")}
+        state = {key: value for key, value in vars(self).items() if key not in ("stream", "clock")}
         return {**state, "at": self.clock.at, "ledger": self.clock.ledger}
 
     def go_on(self, saved: Run) -> None:
@@ -89,21 +80,21 @@ class Run:
 
     def advance(self) -> None:
         """Reveal the ground truth that is due, let the predictor learn, ask for forecasts, and step the clock."""
-        options, segment = self.options, self.segment
+        segment = self.segment
         now = self.clock.time * self.stream.dt
         truth = self._due()
         if self.at == 0 or segment != int(self.stream.segment_at(self.clock.times[self.at - 1])):
             truth = self._begin_segment(segment, truth)
         if self.learner is not None and now >= self.learner[1] - 1e-9:  # rounding of sums of dt
             self.predictor, self.learner = self.learner[0], None
-        measured = options.realtime and options.cost is None
+        measured = self.realtime and self.cost is None
         if not measured:
             self._learn(truth, now)
         # At a few steps, powers of two, which do not depend on the length of the stream.
         looked_at = self.at & (self.at - 1) == 0 and _learns(self.predictor)
         held = snapshot(self.predictor) if looked_at else {}
         began = time.perf_counter()
-        forecast = ask(self.predictor, self.step.observation, 1, options.seed)
+        forecast = ask(self.predictor, self.step.observation, 1, self.seed)
         self.seconds[self.at, 1] = time.perf_counter() - began
         if looked_at:
             self._check_pure(held, forecast.positions)
@@ -116,7 +107,7 @@ class Run:
     def _due(self) -> Truth | None:
         """The ground truth to reveal now."""
         settled = None if self.step.settled is None else self.step.settled.truth
-        if self.options.labels == "matured":
+        if self.labels == "matured":
             return settled
         waiting = self.clock.so_far()
         parts = [truth for truth in (settled, waiting) if truth is not None]
@@ -128,7 +119,7 @@ class Run:
 
     def _begin_segment(self, segment: int, truth: Truth | None) -> Truth | None:
         """Reset the predictor or show it the domain where the segment requires it; the truth still to reveal."""
-        if self.options.scope == "place" and self.at and hasattr(self.predictor, "reset"):
+        if self.scope == "place" and self.at and hasattr(self.predictor, "reset"):
             self.learner, truth = None, None  # the truth belongs to the previous place
             guarded(self.predictor, "reset")
         if hasattr(self.predictor, "know"):
@@ -142,9 +133,8 @@ class Run:
         if self.learner is not None:
             self.skipped += 1
             return
-        realtime, cost = self.options.realtime, self.options.cost
         before, undone = _count(self.predictor), _count(self.predictor, "rolled_back") or 0
-        learner = copied(self.predictor) if realtime else self.predictor
+        learner = copied(self.predictor) if self.realtime else self.predictor
         began = time.perf_counter()
         tell(learner, truth)
         spent = time.perf_counter() - began
@@ -153,17 +143,17 @@ class Run:
         learned = 1 if after is None or before is None else max(after - before, 0)
         self.updates[self.segment] += learned
         self.rolled_back += (_count(learner, "rolled_back") or 0) - undone
-        if not realtime or (cost is not None and not cost * learned):
+        if not self.realtime or (self.cost is not None and not self.cost * learned):
             self.predictor = learner
         else:
-            self.learner = learner, now + (spent if cost is None else cost)
+            self.learner = learner, now + (spent if self.cost is None else self.cost)
 
     def _check_pure(self, held: dict[str, Any], positions: np.ndarray) -> None:
         """Raise PredictorError if predict changed the predictor."""
         touched = changed(held, snapshot(self.predictor))
-        again = ask(self.predictor, self.step.observation, 1, self.options.seed).positions
+        again = ask(self.predictor, self.step.observation, 1, self.seed).positions
         if not touched and not np.allclose(again, positions, rtol=0, atol=1e-4):
-            touched = ["what it answers to the same question"]
+            touched = ["its answer to the same question"]
         if touched:
             raise PredictorError(
                 f"{name_of(self.predictor)} learns when it is asked: predict changed {', '.join(touched[:3])}. Learn "

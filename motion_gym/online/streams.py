@@ -252,6 +252,6 @@ def _check_overlap(segments: Sequence[Segment]) -> None:
             if same and one.start < other.stop and other.start < one.stop:
                 raise SpecError(
                     f"Two segments overlap: both play frames {max(one.start, other.start)} to "
-                    f"{min(one.stop, other.stop)} of {one.domain.world}. What was shown once could be known: "  # type: ignore[union-attr]
+                    f"{min(one.stop, other.stop)} of {one.domain.world}. A predictor could remember it: "  # type: ignore[union-attr]
                     "give each segment frames of its own."
                 )

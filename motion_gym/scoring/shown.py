@@ -26,8 +26,8 @@ def show_shots(predictor: Any, domain: Domain, split: str, shots: int, protocol:
     """
     if getattr(type(domain), "tests_on_train", False):
         raise SpecError(
-            f"`shots={shots}`: the training split of {domain.card.name} is cut from the recording that is scored, so "
-            "that it holds the future. Use `references`, or a domain whose splits are apart, as orca."
+            f"`shots={shots}`: the training split of {domain.card.name} is cut from the scored recording, so "
+            "it holds the future. Use `references`, or a domain whose splits are apart, as orca."
         )
     few = first_scenes(domain, "train", shots)
     refuse_shared(predictor, domain, "train", split)
@@ -85,6 +85,6 @@ def refuse_shared(predictor: Any, domain: Any, shown: str, scored: str) -> None:
     if people:
         raise SpecError(
             f"{name_of(predictor)} is shown scenes of split `{shown}`, and {people} of their people are in split "
-            f"`{scored}` at the same time: only what a predictor was not shown can be scored. Score another split, or "
+            f"`{scored}` at the same time: observed scenes cannot be scored. Score another split, or "
             "cut the recordings of the two splits from other frames."
         )

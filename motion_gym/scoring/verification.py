@@ -29,7 +29,7 @@ TOLERANCE = 1e-4
 """Metres between the forecasts of a scene in a batch and alone, beyond the rounding of float32: a processor may choose
 another order of operations for a batch."""
 ANSWER = "import sys; sys.path[:] = {}; from motion_gym.scoring.verification import answer; answer(*{})"
-"""What the fresh process runs."""
+"""Code of the fresh process."""
 
 
 def keep(predictor: Any) -> tuple[Any, str]:
@@ -44,7 +44,7 @@ def keep(predictor: Any) -> tuple[Any, str]:
         return copy.deepcopy(predictor), f"{type(error).__name__}: {error}"
 
 
-def verify(
+def verify_order(
     predictor: Any, kept: tuple[Any, str], observation: Observation, forecast: Forecast, samples: int, seed: int
 ) -> tuple[Forecast, str]:
     """Ask a predictor again, in the order of time.
@@ -90,7 +90,7 @@ def verify(
     off = np.abs(batch.positions - joined.positions).max(axis=(1, 2, 3)) if same else np.full(len(rows), np.inf)
     if (off > limit).any():
         raise PredictorError(
-            f"{name_of(predictor)} forecasts a scene otherwise when it is asked for that scene alone, in the order of "
+            f"{name_of(predictor)} forecasts a scene differently if it is asked for that scene alone, in the order of "
             f"time (by up to {off.max():.3f} m). The batch holds overlapping windows, and with them the future: "
             "forecast every scene from its own history, or score with through='environment'."
         )

@@ -22,7 +22,7 @@ from motion_gym.stepping.outstanding import Outstanding
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Scenes whose ground truth has just been revealed.
+    """Scenes whose ground truth was revealed by a step.
 
     Each forecast is matured, or censored because its agent left.
 
@@ -49,7 +49,7 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What one step of a clock reveals.
+    """Observation, reward and ground truth of one step of a clock.
 
     Attributes:
         observation: The agents observed now; A = 0 when the episode is over.

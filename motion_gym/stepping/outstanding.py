@@ -135,9 +135,9 @@ class Outstanding:
         """The observations stored at some times, stacked."""
         missing = [time for time in times if time not in self._stored]
         if missing:
-            there = f"{min(self._stored)} to {max(self._stored)}" if self._stored else "none"
+            stored = f"{min(self._stored)} to {max(self._stored)}" if self._stored else "none"
             raise DataError(
-                f"Truth was told of a forecast made at {missing[0]}, and none is stored of that time ({there})."
+                f"Truth was given for a forecast made at {missing[0]}, but none is stored of that time ({stored})."
             )
         return stack_observations([self._stored[time].observation for time in times])
 

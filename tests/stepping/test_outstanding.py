@@ -34,7 +34,7 @@ def test_what_was_stored_comes_back_with_its_truth_once(waiting):
     assert truth.future.dtype == np.float32 and truth.known.dtype == bool
     np.testing.assert_array_equal(truth.future, known[..., None] * np.ones(2))
     assert [stored.made for stored in waiting] == [5] and len(waiting) == 1
-    with pytest.raises(DataError, match=r"made at 3, and none is stored of that time \(5 to 5\)"):
+    with pytest.raises(DataError, match=r"made at 3, but none is stored of that time \(5 to 5\)"):
         waiting.settle(3, future, known)
 
 
@@ -85,7 +85,7 @@ def test_each_agent_is_forecast(waiting):
 
 @pytest.mark.parametrize("method", ["settle", "so_far"])
 def test_truth_of_a_forecast_that_was_never_made_is_refused(waiting, method):
-    with pytest.raises(DataError, match=r"of a forecast ledger at 4, and none is stored of that time \(3 to 5\)"):
+    with pytest.raises(DataError, match=r"for a forecast made at 4, but none is stored of that time \(3 to 5\)"):
         getattr(waiting, method)(4, np.zeros((2, 12, 2)), np.ones((2, 12), bool))
     with pytest.raises(DataError, match=r"none is stored of that time \(none\)"):
         getattr(Outstanding(), method)(4, np.zeros((2, 12, 2)), np.ones((2, 12), bool))
