@@ -17,11 +17,11 @@ from motion_gym.cli.adapt import adapt
 from motion_gym.cli.check import check
 from motion_gym.cli.claims import claims
 from motion_gym.cli.data import data
-from motion_gym.cli.draw import draw
 from motion_gym.cli.inspect import inspect
 from motion_gym.cli.ls import ls
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
+from motion_gym.cli.show import show
 from motion_gym.cli.train import import_weights, train
 from motion_gym.contract import MotionGymError
 
@@ -34,7 +34,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "ls": ls,
     "check": check,
     "inspect": inspect,
-    "draw": draw,
+    "show": show,
     "claims": claims,
     "data": data,
 }

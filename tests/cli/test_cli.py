@@ -396,7 +396,10 @@ def test_predictor_that_fails_does_not_take_the_others_along(capsys):
         ("score linear --domain orca:d=wide", "`d=wide` of domain `orca` must be a number"),
         ("score linear --domain orca:d", "Write `orca:key=value`"),
         ("score linear --domain orca:d=0.1,x", "`x` in `orca:d=0.1,x` is not a parameter"),
-        ("score linear --domain orca:scenes=9 --protocol papre", "no protocol `papre`. Did you mean `paper`?"),
+        (
+            "score linear --domain orca:scenes=9 --protocol papre",
+            "`protocol=papre` is not known. Did you mean `paper`",
+        ),
         ("score linear --domain orca:scenes=9 --split tets", "no split `tets`. Did you mean `test`?"),
         ("score linear --domain orca:scenes=9 --k 0", "`k=0` must be a whole number, 1 or more"),
         ("score linear --domain orca:scenes=9 --seed -1", "`seed=-1` must be a whole number, 0 or more"),
@@ -516,7 +519,7 @@ def test_fetch_without_a_network_says_what_else_to_do(capsys, no_data, monkeypat
 
 def test_help_names_every_command_and_option(capsys):
     for line, words in {
-        "--help": ["score", "run", "adapt", "train", "ls", "check", "draw", "data"],
+        "--help": ["score", "run", "adapt", "train", "ls", "check", "show", "data"],
         "score --help": ["PREDICTOR", "--domain", "--k", "--protocol", "--split", "--seed", "--out"],
         "data --help": ["ls,add,fetch,verify", "--from"],
     }.items():
@@ -532,7 +535,7 @@ def test_a_scene_is_drawn_with_forecasts(capsys, file):
     many = [f"constant_velocity:velocity={n}" for n in range(1, 8)] if file == "scene.svg" else []
     predictors = [*many, "linear", "stand_still", "kalman_velocity", "constant_velocity"]
     rows = " ".join(f"--predictor {predictor}" for predictor in predictors)
-    line = f"draw orca:scenes=40 {rows} --scene 3 --out {file}"
+    line = f"show orca:scenes=40 {rows} --scene 3 --out {file}"
     assert f"Written: {file}" in call(capsys, line)
     content = Path(file).read_bytes()
     assert content.startswith({".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}[Path(file).suffix])
