@@ -134,6 +134,12 @@ def step_numbers(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     return frames, np.concatenate([[0], np.cumsum(np.minimum(distance // usual, WINDOW))])
 
 
+def frames_by_step(recording: Recording) -> np.ndarray:
+    """[T] the frame of each step of a recording; where nobody was seen, the frame before."""
+    frames, steps = step_numbers(recording)
+    return frames[np.searchsorted(steps, np.arange(int(steps.max(initial=-1)) + 1), side="right") - 1]
+
+
 def positions_only(positions: np.ndarray, known: np.ndarray) -> np.ndarray:
     """The history without further features: [A, 8, 2]."""
     return positions[:, :HISTORY]
