@@ -272,8 +272,7 @@ class Predictor(Protocol):
     Optional attributes: ``fitted`` (bool), for those with ``fit``; ``fit_on_demand`` (bool), False if ``fit`` takes too
     long to be called by an evaluation; ``selection`` (str), how the weights were selected, which every result states;
     ``fingerprint`` (str), a digest of the weights, so that a result made with others is another result; ``trained_on``,
-    names of the domains whose windows the weights were trained on; ``weights_name``, the row of a benchmark whose
-    weights are used, where it is not the predictor's own.
+    names of the domains whose windows the weights were trained on.
     """
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast | np.ndarray:

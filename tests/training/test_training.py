@@ -1,4 +1,4 @@
-"""Training: several seeds in one pass, killed and resumed, and what stops it."""
+"""Training: several seeds in one pass, selection, seeds, and training sets."""
 
 import dataclasses
 import errno
@@ -50,11 +50,11 @@ def same(a, b):
 
 
 class Killed(Exception):
-    """Stands for the end of a process."""
+    """Simulates the end of a process."""
 
 
 def kill_after(epoch):
-    """A report that ends the training."""
+    """A report function that ends the training."""
 
     def report(progress):
         if progress.epoch == epoch:
@@ -71,13 +71,13 @@ def test_a_killed_training_resumes_to_the_same_weights(data, kind, tmp_path):
         kind().fit(*data, [0, 1], epochs=EPOCHS, checkpoint=checkpoint, every=2, report=kill_after(4))
     seen = []
     resumed = kind().fit(*data, [0, 1], epochs=EPOCHS, checkpoint=checkpoint, every=2, resume=True, report=seen.append)
-    # Killed in the fourth epoch, the last checkpoint after the second.
+    # Killed after the fourth epoch; the last checkpoint is that of the second.
     assert [progress.epoch for progress in seen] == [3, 4, 5]
     assert same(whole, resumed)
     assert whole.card["validation_ade"] == resumed.card["validation_ade"]
 
 
-def test_a_finished_training_goes_on_as_if_it_had_never_ended(data, tmp_path):
+def test_a_finished_training_can_be_continued(data, tmp_path):
     checkpoint = tmp_path / "a.checkpoint"
     GroupDro().fit(*data, [0, 1], epochs=(1, 1, 2), checkpoint=checkpoint)
     longer = GroupDro().fit(*data, [0, 1], epochs=(1, 1, 3), checkpoint=checkpoint, resume=True)
@@ -86,12 +86,12 @@ def test_a_finished_training_goes_on_as_if_it_had_never_ended(data, tmp_path):
         GroupDro().fit(*data, [0, 1], epochs=(1, 1, 2), checkpoint=checkpoint, resume=True)
 
 
-def test_an_objective_begins_every_stage_anew(data):
-    made = GroupDro(rate=0.5)
-    program = StgatProgram(made, *data, device=CPU, epochs=(2, 1, 2), joint=True)
+def test_every_stage_resets_the_state_of_the_objective(data):
+    predictor = GroupDro(rate=0.5)
+    program = StgatProgram(predictor, *data, device=CPU, epochs=(2, 1, 2), joint=True)
     starts = []
     program.state = lambda models: starts.append(models) or StgatProgram.state(program, models)
-    run = training._Run(program, [0], torch.device("cpu"))
+    run = training.Run(program, [0], torch.device("cpu"))
     states = []
     for _ in range(5):
         run.step()
@@ -101,10 +101,10 @@ def test_an_objective_begins_every_stage_anew(data):
     assert len({id(run.state)}) == 1 and torch.allclose(states[0].sum(dim=0), torch.ones(1))
 
 
-def test_a_seed_does_not_depend_on_the_others(data):
+def test_seeds_are_independent(data):
     together = Erm().fit(*data, [3, 4], epochs=(1, 1, 1))
     alone = Erm().fit(*data, 4, epochs=(1, 1, 1))
-    # Sums of other shapes round otherwise, and training amplifies that.
+    # Sums of other shapes are rounded differently, and training amplifies the differences.
     distance = [
         torch.cat(
             [(alone.stacked[k][0] - value[model]).abs().flatten() for k, value in together.stacked.items()]
@@ -115,36 +115,36 @@ def test_a_seed_does_not_depend_on_the_others(data):
     assert distance[0] > 0.01
 
 
-def test_the_kept_weights_are_those_of_the_best_epoch(data):
-    made = Erm().fit(*data, [0, 1, 2], epochs=(1, 1, 4))
-    scores = np.array([entry["score"] for entry in made.card["curve"] if "score" in entry])
+def test_the_weights_of_the_best_epoch_are_selected(data):
+    predictor = Erm().fit(*data, [0, 1, 2], epochs=(1, 1, 4))
+    scores = np.array([entry["score"] for entry in predictor.card["curve"] if "score" in entry])
     assert scores.shape == (4, 3)
-    # The card has the error of the weights that are kept, which are rounded to half precision (10 bits).
-    np.testing.assert_allclose(made.card["validation_ade"], scores.min(axis=0), rtol=2e-3)
-    assert made.card["epoch"] == [int(e) + 3 for e in scores.argmin(axis=0)]
+    # The card has the error of the saved weights, which are rounded to half precision (10 bits).
+    np.testing.assert_allclose(predictor.card["validation_ade"], scores.min(axis=0), rtol=2e-3)
+    assert predictor.card["epoch"] == [int(e) + 3 for e in scores.argmin(axis=0)]
 
 
 def test_training_lowers_the_error(data):
-    made = Erm(sigma=False).fit(*data, [0, 1], epochs=(2, 2, 8))
-    scores = [np.mean(entry["score"]) for entry in made.card["curve"] if "score" in entry]
+    predictor = Erm(sigma=False).fit(*data, [0, 1], epochs=(2, 2, 8))
+    scores = [np.mean(entry["score"]) for entry in predictor.card["curve"] if "score" in entry]
     assert min(scores) < 0.8 * scores[0]
 
 
-def test_saved_seeds_are_found_again(data, tmp_path):
-    made = VRex(penalty=3).fit(*data, [5, 7], epochs=(1, 0, 1))
+def test_saved_seeds_can_be_loaded(data, tmp_path):
+    predictor = VRex(penalty=3).fit(*data, [5, 7], epochs=(1, 0, 1))
     path = tmp_path / "vrex.safetensors"
-    made.save(path)
+    predictor.save(path)
     seen = data[1][0].observation
     first, second = (VRex(path, seed=s, penalty=3).predict(seen).positions for s in (5, 7))
-    np.testing.assert_array_equal(first, made.predict(seen).positions)
+    np.testing.assert_array_equal(first, predictor.predict(seen).positions)
     assert np.abs(first - second).max() > 1e-3
     with pytest.raises(PredictorError, match=r"no seed 6: \[5, 7\] of 2 are there"):
         VRex(path, seed=6, penalty=3)
     with pytest.raises(PredictorError, match="weights of vrex:penalty=3, not of vrex"):
         VRex(path)
-    with pytest.raises(SpecError, match=r"is to use seed 9, and is to be trained with \[0\]"):
+    with pytest.raises(SpecError, match=r"uses seed 9, but the seeds to train are \[0\]"):
         Erm(seed=9).fit(*data, epochs=EPOCHS)
-    with pytest.raises(PredictorError, match="trained with sigma"):
+    with pytest.raises(PredictorError, match="weights of vrex:penalty=3, not of erm_no_sigma"):
         Erm(path, sigma=False)
 
 
@@ -161,7 +161,7 @@ def test_a_checkpoint_of_another_configuration_is_refused(data, tmp_path):
         Erm().fit(*data, 0, epochs=EPOCHS, checkpoint=checkpoint, resume=True)
 
 
-def test_a_loss_that_is_not_finite_stops_and_keeps_the_checkpoint(data, tmp_path):
+def test_a_loss_that_is_not_finite_stops_the_training_and_keeps_the_checkpoint(data, tmp_path):
     class Breaking(Erm):
         """Its objective gives NaN for the second model once the third epoch is reached."""
 
@@ -193,7 +193,7 @@ def test_a_loss_that_is_not_finite_stops_and_keeps_the_checkpoint(data, tmp_path
     assert all(torch.isfinite(value).all() for value in content["weights"].values())
 
 
-def test_weights_that_are_not_finite_stop_and_keep_the_checkpoint(data, tmp_path):
+def test_weights_that_are_not_finite_stop_the_training_and_keep_the_checkpoint(data, tmp_path):
     class Rooted(Erm):
         """Its objective has the finite value 0, and a gradient that is not finite, in the second epoch."""
 
@@ -252,13 +252,13 @@ def test_rates_that_decay_are_part_of_the_configuration(data, tmp_path):
 
 
 @pytest.mark.parametrize("seed", [[], [1, 1], None, "0", -1])
-def test_seeds_that_cannot_be_trained_are_refused(data, seed):
+def test_invalid_seeds_are_refused(data, seed):
     with pytest.raises(SpecError, match="seed"):
         Erm().fit(*data, seed, epochs=EPOCHS)
     assert Erm().fit(*data, np.int64(3), epochs=(1, 0, 1)).card["seeds"] == [3]
 
 
-def test_a_validation_score_that_is_not_finite_stops(data):
+def test_a_validation_score_that_is_not_finite_stops_the_training(data):
     broken = [dataclasses.replace(truth, future=truth.future.copy()) for truth in data[1]]
     broken[0].future[3, 5, 0] = np.nan
     with pytest.raises(PredictorError, match=r"validation score of seed 0 is nan in epoch 3 \(forecast\)"):
@@ -276,7 +276,7 @@ def test_an_empty_training_set_is_refused(data):
 
 
 @pytest.mark.parametrize("kind", [Invariant, VRex, GroupDro])
-def test_one_environment_is_refused_where_several_are_compared(data, kind):
+def test_objectives_that_compare_environments_refuse_one_environment(data, kind):
     with pytest.raises(PredictorError, match=r"compares environments.*one alone"):
         kind().fit(data[0][:1], data[1], epochs=EPOCHS)
 
@@ -285,14 +285,14 @@ def test_one_environment_is_enough_for_erm(data):
     assert Erm().fit(data[0][:1], data[1], epochs=(1, 0, 1)).card["validation_ade"][0] < 10
 
 
-def test_no_cuda_is_said_at_once(data):
+def test_a_missing_cuda_device_is_refused(data):
     if torch.cuda.is_available():
         pytest.skip("there is a CUDA device")
     with pytest.raises(SpecError, match="finds no CUDA device"):
         Erm().fit(*data, device="cuda")
 
 
-def test_a_full_disk_leaves_the_last_checkpoint(data, tmp_path, monkeypatch):
+def test_a_full_disk_keeps_the_last_checkpoint(data, tmp_path, monkeypatch):
     checkpoint = tmp_path / "a.checkpoint"
     written = os.fsync
     calls = []
@@ -313,9 +313,9 @@ def test_a_full_disk_leaves_the_last_checkpoint(data, tmp_path, monkeypatch):
 @pytest.mark.parametrize("stage", [0, 1, 2])
 @pytest.mark.parametrize("kind", [Counterfactual, GroupDro])
 def test_plain_operations_of_torch_give_the_same_gradients(data, kind, stage, monkeypatch):
-    """What runs on a GPU against what runs on the CPU, on the CPU."""
-    made = kind()
-    program = made.program(made, *data, device=CPU, joint=True)
+    """Compares the operations for GPUs with the kernels, on the CPU."""
+    predictor = kind()
+    program = predictor.program(predictor, *data, device=CPU, joint=True)
 
     def gradients():
         weights = {name: value.requires_grad_() for name, value in program.initial([0, 1]).items()}
@@ -327,26 +327,25 @@ def test_plain_operations_of_torch_give_the_same_gradients(data, kind, stage, mo
     loss, by_kernels = gradients()
     monkeypatch.setattr(kernels, "serve", lambda x: False)
     expected, plainly = gradients()
-    # Sums of single precision in orders that the processor chooses, through 20 steps and a division by spreads that may
-    # be near zero. Trained weights would amplify such differences.
+    # Single-precision sums in another order, over 20 steps and divisions by standard deviations near zero.
     torch.testing.assert_close(loss, expected, rtol=1e-4, atol=0)
     assert float((by_kernels - plainly).norm()) < 1e-3 * float(plainly.norm())
 
 
-def test_a_card_has_the_error_of_the_weights_that_are_kept(data):
-    made = ErmNoSigma().fit(*data, [0, 3], epochs=(1, 1, 2))
-    program = made.program(made, *data, device=CPU, epochs=(1, 1, 2))
+def test_a_card_has_the_error_of_the_saved_weights(data):
+    predictor = ErmNoSigma().fit(*data, [0, 3], epochs=(1, 1, 2))
+    program = predictor.program(predictor, *data, device=CPU, epochs=(1, 1, 2))
     generators = [
         training._generator(s, e - 1, training.VALIDATION, torch.device("cpu"))
-        for s, e in zip((0, 3), made.card["epoch"], strict=True)
+        for s, e in zip((0, 3), predictor.card["epoch"], strict=True)
     ]
     with torch.no_grad():
-        scores = program.validate(made.stacked, generators)
-    assert made.card["validation_ade"] == [round(score, 4) for score in scores.tolist()]
-    assert all(torch.equal(value, value.half().float()) for value in made.stacked.values())
+        scores = program.validate(predictor.stacked, generators)
+    assert predictor.card["validation_ade"] == [round(score, 4) for score in scores.tolist()]
+    assert all(torch.equal(value, value.half().float()) for value in predictor.stacked.values())
 
 
-def test_steps_in_turn_hold_every_scene_once(data):
+def test_steps_of_one_environment_hold_every_scene_once(data):
     program = StgatProgram(Erm(), *data, device=CPU, scenes=10)
     seen = np.concatenate([batch.steps.numpy()[1, :, 0] for batch in program._in_turn()])
     every = np.concatenate([truth.observation.xy[:, 1, 0] - truth.observation.xy[:, 0, 0] for truth in data[0]])
