@@ -85,7 +85,7 @@ def _checked_card(path: Path, text: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise PredictorError(f"{path} cannot be read, it is damaged or no JSON file: {error}.") from None
     if not isinstance(card, dict):
-        raise PredictorError(f"{path} is no card of weights: it must hold a JSON object.")
+        raise PredictorError(f"{path} is not a card of weights: it must hold a JSON object.")
     seeds, names = card.get("seeds", []), card.get("trained_on", [])
     integers = isinstance(seeds, list) and all(isinstance(seed, int) for seed in seeds)
     if not integers or len(set(seeds)) < len(seeds):
@@ -133,7 +133,7 @@ def check_shapes(tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int
         lacking, unknown = sorted(expected.keys() - shapes.keys()), sorted(shapes.keys() - expected.keys())
         raise PredictorError(
             f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
-            f"{unknown or 'nothing'} besides."
+            f"{unknown or 'nothing'} in addition."
         )
     models = {len(value) for value in tensors.values()}
     if len(models) != 1 or 0 in models:

@@ -46,9 +46,7 @@ class Hedge(Kalman):
     rate: float = setting(3.0, positive)
     share: float = setting(0.03, share)
     kind: ClassVar[str] = "hedge"
-
-    def check_last_layer(self) -> None:
-        """Accept any predictor: without a last layer there is no filter."""
+    needs_last_layer: ClassVar[bool] = False
 
     @property
     def filters(self) -> bool:

@@ -52,6 +52,7 @@ class Kalman(Adapter):
     ridge: float = setting(10.0, positive)
     forgetting: float = setting(0.99, partial(number, above=True, most=1))
     kind: ClassVar[str] = "kalman"
+    needs_last_layer: ClassVar[bool] = True
 
     def _prepare(self) -> None:
         super()._prepare()
@@ -60,11 +61,7 @@ class Kalman(Adapter):
                 f"{name_of(self.inner)} is not fitted: call its `fit(train, validation)` first, or adapt it by name on "
                 "a stream with `motion-gym adapt`."
             )
-        self.check_last_layer()
-
-    def check_last_layer(self) -> None:
-        """Raise PredictorError unless the predictor has a replaceable last layer."""
-        if not isinstance(self.inner, Linearised):
+        if self.needs_last_layer and not isinstance(self.inner, Linearised):
             raise PredictorError(
                 f"{name_of(self.inner)} has no linear last layer that can be replaced (`last_layer`): use linear, or "
                 "one of the STGAT or modular family, such as erm or modular_invariant."

@@ -108,7 +108,7 @@ class EgoProgram(Program):
                 drawn[number, draw] = evidence[chosen].sum(0)
         if (drawn[..., 0] < TRUST).any():
             raise PredictorError(
-                "In some training environment nobody keeps a distance from anybody else, so there is no style to read: "
+                "In some training environment no agents keep a distance from each other, so there is no style to read: "
                 "train `ego_erm`."
             )
         return drawn

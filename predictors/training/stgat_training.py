@@ -138,8 +138,12 @@ class StgatProgram(Program):
         self.features, self.counterfactual = predictor.features, predictor.counterfactual
         self.joint = joint or objective.joint
         self.validation = self._validation([stack([v for v in validation if v.observation.scenes])])
-        self.in_turn: list[Batch] = []
-        """The steps of every epoch that is not joint, computed once."""
+        self.in_turn = [
+            self._batch([(number, np.arange(first, min(first + self.scenes, truth.observation.scenes)))])
+            for number, truth in enumerate([] if self.joint else train)
+            for first in range(0, truth.observation.scenes, self.scenes)
+        ]
+        """The steps of every epoch that is not joint."""
         self.stages = [
             Stage(name, count, rates, selects=number == len(stages))
             for number, (count, (name, rates)) in enumerate(zip(epochs, stages, strict=True), 1)
@@ -169,7 +173,7 @@ class StgatProgram(Program):
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
     ) -> Iterator[Tensor]:
         """Losses [M] of the steps of an epoch."""
-        for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self._in_turn():
+        for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self.in_turn:
             draws = Draws.from_generators(generators, batch.layout)
             if stage == 2:
                 output = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
@@ -197,16 +201,6 @@ class StgatProgram(Program):
     def _forecast(self, batch: Batch, draws: Draws, environment: int, weights: Weights) -> Tensor:
         """Displacements [12, M, A, 2] for validation windows of an environment."""
         return stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
-
-    def _in_turn(self) -> list[Batch]:
-        """Steps of an epoch that is not joint, each of one environment."""
-        if not self.in_turn:
-            for number, truth in enumerate(self.train):
-                total = truth.observation.scenes
-                for first in range(0, total, self.scenes):
-                    scenes = np.arange(first, min(first + self.scenes, total))
-                    self.in_turn.append(self._batch([(number, scenes)]))
-        return self.in_turn
 
     def _shuffled(self, epoch: int) -> Iterator[list[tuple[int, np.ndarray]]]:
         """Environment and scenes for each step of a joint epoch; the order depends only on the epoch."""

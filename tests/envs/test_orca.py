@@ -165,11 +165,11 @@ def test_the_oracle_has_almost_no_error(parameters):
 
 def test_windows_are_those_of_the_recordings():
     domain = make("orca", scenes=40)
-    cut, made = windows_of(domain.recordings("val")), domain.windows("val")
+    cut, windows = windows_of(domain.recordings("val")), domain.windows("val")
     for field in ("future", "known"):
-        assert np.array_equal(getattr(cut, field), getattr(made, field))
-    assert np.array_equal(cut.observation.scene, made.observation.scene)
-    assert len(np.unique(made.observation.agent)) == len(made.future)
+        assert np.array_equal(getattr(cut, field), getattr(windows, field))
+    assert np.array_equal(cut.observation.scene, windows.observation.scene)
+    assert len(np.unique(windows.observation.agent)) == len(windows.future)
 
 
 def test_sources_are_the_training_styles():

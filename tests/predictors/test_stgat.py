@@ -11,7 +11,6 @@ import pytest
 import torch
 
 import motion_gym
-from motion_gym.checks.checker import check_predictor
 from motion_gym.contract import Observation, PredictorError
 from motion_gym.data.storage import StorageError
 from motion_gym.predictors.networks import stgat_network as network
@@ -93,11 +92,6 @@ def test_published_weights_score_as_published(eth_ucy, name):
         seeds = [motion_gym.evaluate(predictor, "eth", alpha=alpha, seed=s).metrics["ADE"].mean for s in range(5)]
         assert np.mean(seeds) == pytest.approx(single, abs=max(0.04, 3 * np.std(seeds)))
         assert "best ADE on the source validation split" in card.selection
-
-
-@pytest.mark.parametrize("kind", [Erm, Counterfactual])
-def test_contract(kind):
-    check_predictor(random_model(kind))
 
 
 def test_scenes_of_any_size_are_accepted():
