@@ -71,7 +71,7 @@ def test_a_killed_training_resumes_to_the_same_weights(data, modular, tmp_path):
     assert all(torch.equal(value, modular.stacked[name]) for name, value in resumed.stacked.items())
 
 
-def test_a_style_is_the_running_average_of_what_was_observed(modular, reference):
+def test_the_style_is_a_running_average_over_the_observed_scenes(modular, reference):
     network, other = Modular(), Modular()
     for each in (network, other):
         each.use(modular.stacked, modular.card)
@@ -87,7 +87,7 @@ def test_a_style_is_the_running_average_of_what_was_observed(modular, reference)
     np.testing.assert_array_equal(network.predict(seen).positions, fresh)
 
 
-def test_scenes_that_are_not_known_to_the_end_tell_no_style(modular, reference):
+def test_partly_known_scenes_have_no_style(modular, reference):
     network = Modular()
     network.use(modular.stacked, modular.card)
     known = reference.known.copy()
@@ -99,7 +99,7 @@ def test_scenes_that_are_not_known_to_the_end_tell_no_style(modular, reference):
     assert network.scenes == 2
 
 
-def test_steps_of_another_length_tell_no_style(modular, reference):
+def test_scenes_of_another_time_step_are_refused(modular, reference):
     other = dataclasses.replace(reference, observation=dataclasses.replace(reference.observation, dt=0.1))
     network = Modular()
     network.use(modular.stacked, modular.card)
@@ -113,7 +113,7 @@ def test_scenes_of_another_number_of_agents_are_refused(modular):
         lambda: modular.predict(three.windows("test").observation),
         lambda: modular.observe(three.reference()),
     ):
-        with pytest.raises(PredictorError, match=r"exactly 2 agents, and there is one of 3"):
+        with pytest.raises(PredictorError, match="exactly 2 agents, but a scene has 3"):
             call()
 
 
@@ -127,13 +127,13 @@ def test_scenes_of_another_number_of_agents_are_refused(modular):
         (StyleErm, {"epochs": (1,), "scenes": 100}, PredictorError, "a step takes 100 of each"),
     ],
 )
-def test_what_makes_no_training_is_refused(data, kind, options, error, reason):
+def test_unsuitable_training_options_are_refused(data, kind, options, error, reason):
     with pytest.raises(error, match=reason):
         kind().fit(*data, 0, **options)
 
 
 @pytest.mark.parametrize("kind", [Modular, ModularInvariant, StyleInvariant])
-def test_one_environment_is_refused_where_several_are_compared(data, kind):
+def test_trainings_that_compare_environments_refuse_one_environment(data, kind):
     one = [part[:1] for part in data]
     with pytest.raises(PredictorError, match="has one alone"):
         kind().fit(*one, 0, **OPTIONS)
