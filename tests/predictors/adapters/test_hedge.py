@@ -11,7 +11,7 @@ import motion_gym as mg
 from motion_gym.checks.predictor_trials import partly_known
 from motion_gym.contract import FUTURE, SpecError
 from motion_gym.predictors.constant_velocity import ConstantVelocity
-from tests.predictors.test_filters import SOURCES, STGAT, adapter, scenes
+from tests.predictors.adapters.test_filters import SOURCES, STGAT, adapter, scenes
 from tests.taped import fitted_linear
 
 TRAINED, ADAPTED, STRAIGHT = range(3)

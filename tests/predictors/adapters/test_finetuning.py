@@ -12,7 +12,7 @@ import motion_gym as mg
 from motion_gym.checks.predictor_trials import synthetic
 from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.snapshot import snapshot
-from tests.predictors.adapting_scenes import PAIR, TUNED, error, learn, scenes_of
+from tests.predictors.adapters.adapting_scenes import PAIR, TUNED, error, learn, scenes_of
 
 WRONG = {
     "finetune:rate=1e30": 3,

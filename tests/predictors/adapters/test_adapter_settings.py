@@ -10,7 +10,7 @@ import pytest
 import motion_gym as mg
 from motion_gym.contract import DataError, PredictorError, SpecError
 from motion_gym.stepping.snapshot import snapshot
-from tests.predictors.adapting_scenes import PAIR, STGAT, TUNED, scenes_of
+from tests.predictors.adapters.adapting_scenes import PAIR, STGAT, TUNED, scenes_of
 from tests.taped import fitted_linear
 
 

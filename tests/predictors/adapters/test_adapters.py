@@ -12,7 +12,7 @@ from motion_gym import catalog
 from motion_gym.contract import Forecast
 from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.snapshot import shared_arrays, snapshot
-from tests.predictors.adapting_scenes import PAIR, STGAT, learn, scenes_of
+from tests.predictors.adapters.adapting_scenes import PAIR, STGAT, learn, scenes_of
 from tests.taped import fitted_linear
 
 
