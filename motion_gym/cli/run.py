@@ -1,4 +1,4 @@
-"""The verb that runs a benchmark."""
+"""The command that runs a benchmark."""
 
 from __future__ import annotations
 
@@ -8,18 +8,13 @@ from typing import Annotated
 
 import tyro
 
-from motion_gym.benchmarks import jobs as run_jobs
-from motion_gym.benchmarks import running, store
+from motion_gym.benchmarks import running
 from motion_gym.benchmarks.reports import marked_block
-from motion_gym.cli.output import Out, Text, console, progress_bar, reporter, say, session_of
-from motion_gym.contract import PredictorError
-from motion_gym.data.storage import StorageError
+from motion_gym.cli.output import Out, Text, begin, console, end, progress_bar, reporter, say
 
 FOLDER = Path("results")
-"""Where runs that had to be computed are kept, if no folder is named."""
+"""Folder for computed runs, if no folder is named."""
 DEFAULT_JOBS = min(os.cpu_count() or 1, 4)
-SHOWN = 8
-"""Most missing rows that are named."""
 Rows = tyro.conf.UseAppendAction
 
 
@@ -66,7 +61,7 @@ def run(
         marked_block.check_markers(into, chosen.name)
     own = predictor or adapter or ":" in benchmark
     arguments = ["run", benchmark, *predictor, "adapters", *adapter, "shifts", *shift, "of", str(of)]
-    session = session_of(folder, arguments, resume) if own else None
+    session = begin(folder, arguments, resume) if own else None
     with progress_bar() as progress:
         results = running.run(
             chosen,
@@ -89,26 +84,8 @@ def run(
         changed = marked_block.insert(into, chosen.name, text)
         say(f"{into}: {'written' if changed else 'already up to date'}")
     if pack:
-        results.kept.pack(out or FOLDER)
+        results.runner.store.pack(out or FOLDER)
     if out is not None:
         for path in pages.write(results, folder):
             say(f"Written: {path}")
-    if own:
-        store.end(folder)
-    _fail_if_missing(results)
-
-
-def _fail_if_missing(results: running.Results) -> None:
-    if results.unwritten:
-        raise StorageError("\n".join(results.unwritten))
-    reasons: dict[str, list[str]] = {}
-    for row, reason in results.missing.items():
-        reasons.setdefault(reason, []).append(row)
-    lines = [
-        f"Not shown: {', '.join(rows[:SHOWN])}{f' and {len(rows) - SHOWN} more' if len(rows) > SHOWN else ''}: {reason}"
-        for reason, rows in reasons.items()
-        if reason != run_jobs.NOT_ASKED
-    ]
-    if lines:
-        more = [f"... and {len(lines) - SHOWN} more messages"] if len(lines) > SHOWN else []
-        raise PredictorError("\n".join([*lines[:SHOWN], *more]))
+    end(folder if own else None, results.runner)
