@@ -43,29 +43,29 @@ def adapt(
     out: Out = None,
     resume: bool = False,
 ) -> None:
-    """Let adapters learn on a stream, beside constant velocity, the source model that never learns, and an oracle.
+    """Let adapters learn on a stream, and compare them with constant velocity, the source model, and an oracle.
 
-    Each forecast is stored, scored when its truth is known, and only then learned from.
+    Each forecast is stored, and scored when its ground truth is known; only then does the adapter learn.
 
     Args:
         predictor: The source model: name or spec, as modular_invariant:weights=style,seed=0.
-        adapter: Name or spec of an adapter (see `motion-gym ls`), or your own (module:Class); again for each one.
-        on: Domain to play; again for each one, in order.
+        adapter: Name or spec of an adapter (see `motion-gym ls`), or your own (module:Class); once for each adapter.
+        on: Domain of the stream; give it once for each domain, in order.
         kind: sudden: one domain after the other; recurring: and all over again; gradual: in blocks, of which more and
             more are of the next; mixed: in blocks in random order.
         frames: Frames of each visit of a domain, 200 or more where there are blocks; by default as many as the
             shortest one has, at most 4000.
         cycles: Visits of each domain where they recur or mix.
         split: Split of the domains.
-        labels: matured: the truth of a scene is told once; stepwise: step by step, as it happens.
-        scope: What was learned is forgotten at the end of: stream, place, or agent.
-        realtime: The stream does not wait for an update, and truth that comes meanwhile is lost.
-        cost: Seconds that an update is declared to take in realtime; measured by default.
+        labels: matured: each scene's ground truth is revealed once, after its last step; stepwise: step by step.
+        scope: The adapter forgets at the end of a: stream, place, or agent.
+        realtime: The stream does not wait for an update; ground truth that arrives meanwhile is lost.
+        cost: Declared duration of an update in seconds, with --realtime; measured by default.
         oracle: A predictor that was trained on these domains, for the adaptation gain.
         seed: Seed of the stream and of a predictor's samples.
-        out: Folder for one JSON file per run. A run of shipped predictors, adapters and domains that is there is not
-            run again; your own are run each time, since their code and files cannot be known.
-        resume: Go on with the same command that was interrupted: its runs in OUT are reused, your own included.
+        out: Folder for one JSON file per run. Runs of shipped predictors, adapters and domains are reused; your own are
+            run each time, since changes of their code and files are not noticed.
+        resume: Resume the same command after an interruption: its runs in OUT are reused, your own included.
     """
     if not adapter:
         raise SpecError(f"No adapter was named: add --adapter {next(iter(catalog.ADAPTERS))}, or see `motion-gym ls`.")

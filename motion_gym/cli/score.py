@@ -36,9 +36,9 @@ def score(
     out: Out = None,
     resume: bool = False,
 ) -> None:
-    """Score predictors on domains, between constant velocity and the domain's oracle if it has one.
+    """Score predictors on domains, beside constant velocity and the domain's oracle.
 
-    Under the honest protocol the domains whose windows need two agents are scored a second time with all agents.
+    Under the honest protocol, domains whose windows need two agents are scored a second time with all agents.
 
     Args:
         predictors: Names, specs (linear:sigma=true) or your own (module:Class).
@@ -47,12 +47,12 @@ def score(
         protocol: honest or paper.
         split: Split to score.
         seed: Seed of samples and fits.
-        references: Reference scenes that predictors with a style are shown; all by default.
-        shots: Scenes of the domain's training split that `transfer` is tuned on, and that those with a style are shown.
-        weights: Weights of those predictors that have some: a name, as spurious, or a .safetensors file.
-        out: Folder for one JSON file per run. A run of shipped predictors and domains that is there is not run again;
-            your own predictors and domains are scored each time, since their code and files cannot be known.
-        resume: Go on with the same command that was interrupted: its runs in OUT are reused, your own included.
+        references: Number of reference scenes that predictors with a style receive; all by default.
+        shots: Number of scenes of the domain's training split that `transfer` and predictors with a style learn from.
+        weights: Weights of the predictors that need weights: a name, as spurious, or a .safetensors file.
+        out: Folder for one JSON file per run. Runs of shipped predictors and domains are reused; your own are
+            scored each time, since changes of their code and files are not noticed.
+        resume: Resume the same command after an interruption: its runs in OUT are reused, your own included.
     """
     if not predictors:
         raise SpecError("No predictor was named: motion-gym score linear --domain eth. See `motion-gym ls`.")
