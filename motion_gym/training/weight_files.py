@@ -16,9 +16,10 @@ from torch import Tensor
 from motion_gym.contract import PredictorError
 from motion_gym.data.storage import StorageError, atomic_file, digest, write_atomic
 from motion_gym.specs import suggest
+from motion_gym.training.plans import WEIGHTS
 
-SHIPPED = Path(__file__).parent.parent / "weights"
-"""Folder of the shipped weights: a folder for each benchmark, with a file for each of its rows."""
+SHIPPED = WEIGHTS
+"""Folder of the weights that come with the package: a folder for each benchmark, a file for each of its rows."""
 
 
 def locate(weights: str, row: str) -> Path:
