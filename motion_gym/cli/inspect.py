@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_module
+import json
 from typing import Annotated, Any
 
 import tyro
 
-from motion_gym.cli.output import Text, say
+from motion_gym.cli.output import Json, Text, say
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="NUMBER")]
 
@@ -23,7 +23,7 @@ def inspect(
     gap: Number = None,
     split: Text = None,
     sources: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")] = [],  # noqa: B006
-    json: bool = False,
+    as_json: Json = False,
 ) -> None:
     """Say how a file of tracks or a domain was understood, measure it, and warn of what is not usual.
 
@@ -38,7 +38,7 @@ def inspect(
         gap: Longest time, in seconds, over which a position is extrapolated.
         split: Shares of the time for train, val and test, as "0.6 0.2 0.2".
         sources: Another file to train on; give it once for each.
-        json: Print JSON.
+        as_json: Print JSON in place of the report.
     """
     from motion_gym.checks.inspection import inspect as inspect_domain
 
@@ -46,4 +46,4 @@ def inspect(
     given |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
     given |= {"split": split}
     found = inspect_domain(thing, **{name: value for name, value in given.items() if value is not None})
-    say(json_module.dumps(found.as_dict(), indent=2) if json else str(found))
+    say(json.dumps(found.as_dict(), indent=2) if as_json else str(found))

@@ -13,6 +13,7 @@ from pettingzoo.utils import parallel_to_aec
 
 import motion_gym
 from motion_gym.catalog import DOMAINS
+from tests.walks import walks_file
 
 GYMNASIUM = sorted(i for i in gymnasium.registry if i.startswith("motion_gym/"))
 PETTINGZOO = sorted(i for i in pettingzoo.parallel_registry if i.startswith("motion_gym/"))

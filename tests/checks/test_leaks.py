@@ -14,6 +14,7 @@ from motion_gym.predictors.linear import Linear
 from motion_gym.stepping.stream_clock import StreamClock
 from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
+from tests.walks import walks_file
 
 SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}}
 ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
@@ -190,6 +191,18 @@ def test_a_domain_that_keeps_its_recordings_is_probed_and_stays_as_it_was():
     report = leak_probe(PLAIN, keeps)
     assert report.changed == "Keeps.recordings" and "histories" in only_leak(report)
     assert keeps.windows("test") is before and keeps.recordings("test") is held
+
+
+def test_the_order_of_earlier_versions_works_and_warns():
+    street = Street()
+    new = leak_probe(Recalls(), street)
+    for arguments in ((street, Recalls()), (street,)):
+        with pytest.warns(DeprecationWarning, match=r"leak_probe\(predictor, domain\)"):
+            old = leak_probe(*arguments)
+        assert old.domain == new.domain and old.ok
+    assert leak_probe(predictor=Recalls(), domain=street) == new
+    with pytest.raises(SpecError, match="needs a domain"):
+        leak_probe("linear")
 
 
 def test_arguments_are_not_changed():
