@@ -63,7 +63,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
             "as in \"path='2024'\"."
         )
     path = Path(path)
-    content, compression = _decompressed(path, _bytes(path))
+    content, compression = decompressed(path, _bytes(path))
     if content[:4] == b"PAR1":
         return _parquet(path)
     text, encoding = _decoded(path, content)
@@ -88,7 +88,8 @@ def _bytes(path: Path) -> bytes:
         ) from None
 
 
-def _decompressed(path: Path, content: bytes) -> tuple[bytes, str]:
+def decompressed(path: Path, content: bytes) -> tuple[bytes, str]:
+    """The content of a file, and how it was compressed, found by its first bytes; DataError if it is damaged."""
     for magic, (name, decompress) in COMPRESSED.items():
         if content.startswith(magic):
             try:

@@ -18,8 +18,8 @@ from motion_gym.catalog import domain, format_spec, parse_spec
 from motion_gym.checks.checker import check_domain
 from motion_gym.contract import DataError, MotionGymError, SpecError
 from motion_gym.data.domains import spec_of
-from motion_gym.data.windows import windows_of
 from tests.walks import walk_rows, walks_file, write_rows
+from tests.windows import windows_of
 
 CASES = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "cases"
 cases = pytest.mark.skipif(not CASES.is_dir(), reason=f"no files in {CASES}; set MOTION_GYM_SHARED")
