@@ -48,28 +48,25 @@ def _quick(kind):
     """The repository's k-means with the same steps in fewer operations; a cluster that is left empty stays."""
 
     class Quick(kind):
-        def get_labels(self, data, centroids):
-            """Largest similarity and nearest centroid of each point: [agents, points]."""
-            similarity = torch.baddbmm(-centroids.pow(2).sum(dim=1)[..., None], centroids.mT, data, alpha=2)
-            return similarity.max(dim=1)
+        def kmeanspp(self, data):
+            """First centroids: a random point, then each time the point that is farthest from all before."""
+            chosen, nearest = [data[..., np.random.randint(data.shape[-1])]], torch.tensor(torch.inf)  # noqa: NPY002
+            for _ in range(1, self.n_clusters):
+                nearest = torch.minimum(nearest, (data - chosen[-1][..., None]).square().sum(dim=1))
+                chosen.append(data[torch.arange(len(data)), :, nearest.argmax(dim=1)])
+            return torch.stack(chosen, dim=-1)
 
-        def compute_centroids_loop(self, data, labels):
-            """Means of the points of each cluster: [agents, 2, clusters]."""
-            shape = (*data.shape[:2], self.n_clusters)
-            sums = data.new_zeros(shape).scatter_add_(2, labels[:, None].expand_as(data), data)
-            counts = data.new_zeros(shape[0], 1, shape[2]).scatter_add_(
-                2, labels[:, None], torch.ones_like(data[:, :1])
-            )
-            return torch.where(counts > 0, sums / counts.clamp(min=1), self.latest)
-
-        def compute_centroids(self, data, labels):
-            """Means of the points of each cluster, or where the cluster was if it has none."""
-            self.latest = super().compute_centroids(data, labels)
-            return self.latest
-
-        def initialize_centroids(self, data):
-            """Where clusters begin."""
-            self.latest = super().initialize_centroids(data)
-            return self.latest
+        def fit(self, data):
+            """Set ``centroids`` [agents, 2, clusters] of points [agents, 2, points]."""
+            centroids = self.kmeanspp(data)
+            for _ in range(self.max_iter):
+                closeness = torch.baddbmm(-centroids.square().sum(dim=1)[..., None], centroids.mT, data, alpha=2)
+                member = (closeness == closeness.amax(dim=1, keepdim=True)).float()
+                counts = member.sum(dim=2)[:, None]
+                means = torch.where(counts > 0, data @ member.mT / counts.clamp(min=1), centroids)
+                moved, centroids = (means - centroids).square().sum(), means
+                if moved <= self.tol:
+                    break
+            self.centroids = centroids
 
     return Quick
