@@ -1,4 +1,4 @@
-"""The verb of the command line that draws one scene with the forecasts of predictors."""
+"""The command that draws one scene with the forecasts of predictors."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def draw(
     split: str = "test",
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("scene.svg"),
 ) -> None:
-    """Draw one scene: what was observed, what happened, and what predictors forecast.
+    """Draw one scene: histories, ground truth and forecasts.
 
     Args:
         domain: Name or spec, as orca:d=0.6 or zara1.
-        predictor: Name, spec or your own (module:Class); again for each one.
+        predictor: Name, spec or your own (module:Class); give it once for each predictor.
         scene: Number of the scene in the split.
         split: Split of the domain.
         out: Picture file: .svg, .png or .pdf.
@@ -41,10 +41,10 @@ def draw(
     truth = pick_scenes(windows, [scene])
     from motion_gym.benchmarks.reports import figures  # matplotlib takes half a second
 
-    unknown_left_out = np.where(truth.known[..., None], truth.future, np.nan)
+    known_future = np.where(truth.known[..., None], truth.future, np.nan)
     scene_drawn = {
         "history": truth.observation.xy,
-        "future": unknown_left_out,
+        "future": known_future,
         "panels": {
             f"{domain}, scene {scene}": {
                 name: ask(ready(name, place), truth.observation).most_likely() for name in predictor

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
@@ -11,6 +12,8 @@ from motion_gym.contract import SpecError
 from motion_gym.data.domains import TrainingSet, spec_of, training_set
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
+WEIGHTS = Path(__file__).parent.parent / "weights"
+"""Folder of the weights that come with the package: a folder for each training, a file for each of its rows."""
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from torch import Tensor
 from motion_gym.catalog import suggest
 from motion_gym.contract import PredictorError
 from motion_gym.data.storage import StorageError, atomic_file, write_atomic
+from motion_gym.training.plans import WEIGHTS
 
-SHIPPED = Path(__file__).parent.parent / "weights"
+SHIPPED = WEIGHTS
 """Folder of the weights that come with the package: a folder for each benchmark, a file for each of its rows."""
 
 
