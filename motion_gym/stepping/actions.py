@@ -1,4 +1,4 @@
-"""Actions of the environments: their space, and the check of an array that an agent or a policy gives."""
+"""Actions of the environments: their space and their check."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from motion_gym.contract import FUTURE, ActionError
 
 BOUND = 1e7
 """Bounds of the action spaces, in metres: finite, since many learning libraries refuse unbounded spaces, and far wider
-than any recording. An action beyond them is accepted."""
+than any recording. Actions beyond the bounds are accepted."""
 
 
 def action_space(*shape: int) -> gymnasium.spaces.Box:
@@ -23,13 +23,13 @@ def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: b
     """An action as a float32 array of a shape; float64 is cast.
 
     Args:
-        action: What an environment was given.
-        shape: The shape it must have: samples, 12 steps, 2, perhaps behind further axes.
-        name: The action in messages.
-        one_sample: With K = 1, let the axis of samples be left out.
+        action: The action.
+        shape: Expected shape: samples, 12 steps, 2, perhaps after further axes.
+        name: Name of the action in messages.
+        one_sample: Whether the axis of samples may be missing if K = 1.
 
     Raises:
-        ActionError: it is something else.
+        ActionError: The action has another type or shape.
     """
     if not isinstance(action, np.ndarray) or action.dtype.char not in "fd":
         kind = f"dtype {action.dtype}" if isinstance(action, np.ndarray) else f"type {type(action).__name__}"
@@ -40,6 +40,6 @@ def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: b
             "steps, and x and y in metres."
         )
     if action.dtype.char == "d":
-        with np.errstate(over="ignore"):  # values beyond float32 become infinite, and the environment refuses these
+        with np.errstate(over="ignore"):  # values beyond float32 become infinite, which the environment refuses
             action = action.astype(np.float32)
     return action if action.shape == shape else action.reshape(shape)

@@ -11,7 +11,7 @@ NAMESPACE = "motion_gym"
 
 
 def register_all() -> None:
-    """Register ``motion_gym/<id>`` in both registries; doing it again changes nothing."""
+    """Register ``motion_gym/<id>`` in both registries; a second call changes nothing."""
     for name, entry in DOMAINS.items():
         env_id = f"{NAMESPACE}/{entry.env_id}"
         if env_id not in gymnasium.registry:

@@ -1,4 +1,4 @@
-"""Wrappers that score whatever acts in an environment, however it acts."""
+"""Wrappers that score the forecasts of an environment."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ScoreParallel(BaseParallelWrapper):
         env: A ``ForecastEnv``, or a wrapper around one.
 
     Raises:
-        SpecError: it is something else.
+        SpecError: The environment is of another class.
     """
 
     def __init__(self, env: Any):
@@ -32,14 +32,14 @@ class ScoreParallel(BaseParallelWrapper):
 
     @property
     def censored(self) -> int:
-        """Forecasts that cannot be scored in full, because their agent left."""
+        """Number of forecasts whose agent left before the last step."""
         return self.unwrapped.ledger.censored  # type: ignore[attr-defined]
 
     def score(self) -> dict[str, Summary]:
         """Mean, interval and counts of every metric over the forecasts of this episode that have matured.
 
         Raises:
-            SpecError: none has matured yet.
+            SpecError: No forecast has matured yet.
         """
         ledger: Any = self.unwrapped.ledger  # type: ignore[attr-defined]
         if not ledger.matured:
@@ -55,7 +55,7 @@ class ScoreWindows(gymnasium.Wrapper):
         env: A ``WindowEnv``, or a wrapper around one.
 
     Raises:
-        SpecError: it is something else.
+        SpecError: The environment is of another class.
     """
 
     def __init__(self, env: gymnasium.Env):
@@ -78,7 +78,7 @@ class ScoreWindows(gymnasium.Wrapper):
         """Mean, interval and counts of every metric over the windows of this episode so far.
 
         Raises:
-            SpecError: no window was forecast yet.
+            SpecError: No window was forecast yet.
         """
         if not self._forecasts:
             raise SpecError("No window has been forecast yet: step the environment before you ask for a score.")

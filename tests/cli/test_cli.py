@@ -111,7 +111,10 @@ def test_progress_bar_and_tables_do_not_mix(folder, shared):
         ("score linear --domain orca:d=wide", "`d=wide` of domain `orca` must be a number"),
         ("score linear --domain orca:d", "Write `orca:key=value`"),
         ("score linear --domain orca:d=0.1,x", "`x` in `orca:d=0.1,x` is not a parameter"),
-        ("score linear --domain orca:scenes=9 --protocol papre", "no protocol `papre`. Did you mean `paper`?"),
+        (
+            "score linear --domain orca:scenes=9 --protocol papre",
+            "`protocol=papre` is not known. Did you mean `paper`",
+        ),
         ("score linear --domain orca:scenes=9 --split tets", "no split `tets`. Did you mean `test`?"),
         ("score linear --domain orca:scenes=9 --k 0", "`k=0` must be a whole number, 1 or more"),
         ("score linear --domain orca:scenes=9 --seed -1", "`seed=-1` must be a whole number, 0 or more"),
@@ -154,7 +157,7 @@ def test_bug_in_a_predictor_file_is_shown(folder):
 
 def test_help_names_every_command_and_option(capsys):
     for line, words in {
-        "--help": ["score", "run", "adapt", "train", "ls", "check", "draw", "data"],
+        "--help": ["score", "run", "adapt", "train", "ls", "check", "show", "data"],
         "score --help": ["PREDICTOR", "--domain", "--k", "--protocol", "--split", "--seed", "--out"],
         "data --help": ["ls,add,fetch,verify", "--from"],
     }.items():

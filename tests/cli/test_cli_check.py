@@ -1,4 +1,4 @@
-"""The commands that check a predictor or a domain, and that draw a scene."""
+"""The commands that check a predictor or a domain, and that show a scene."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def test_a_scene_is_drawn_with_forecasts(capsys, file):
     many = [f"constant_velocity:velocity={n}" for n in range(1, 8)] if file == "scene.svg" else []
     predictors = [*many, "linear", "stand_still", "kalman_velocity", "constant_velocity"]
     options = " ".join(f"--predictor {predictor}" for predictor in predictors)
-    line = f"draw orca:scenes=40 {options} --scene 3 --out {file}"
+    line = f"show orca:scenes=40 {options} --scene 3 --out {file}"
     assert f"Written: {file}" in call(capsys, line)
     content = Path(file).read_bytes()
     assert content.startswith({".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}[Path(file).suffix])
