@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from motion_gym.benchmarks.objects import FILTERS, Benchmark, External, Part
 from motion_gym.training.plans import PLACES
 
@@ -9,9 +11,9 @@ COLUMNS = {"eth": "eth", "eth6": "eth6", **{place: place for place in PLACES[1:]
 """``eth6`` is the annotation of eth at its true rate: the same people, and weights of eth."""
 
 
-def _external(name: str, target: str, fingerprints: str) -> External:
-    """A row that is scored on every column with the weights of the place, which has their fingerprints in order."""
-    names = {column: column.removesuffix("6") for column in COLUMNS}
+def _external(name: str, target: str, fingerprints: str, columns: Sequence[str] = tuple(COLUMNS)) -> External:
+    """A row with the weights of each column's place, whose fingerprints are in the order of the places."""
+    names = {column: column.removesuffix("6") for column in columns}
     return External(name, f"examples.published.{target}", names, dict(zip(PLACES, fingerprints.split(), strict=True)))
 
 
