@@ -21,16 +21,9 @@ FIRST = "eb6e6631a3e27883 9f1b728b37b0bf12 61c6adf7ef1160f4 c015cfd67f65ae17 ffb
 NEWEST = "b7c3065ae15aed21 c5faeb80523235e8 6fc75f7725818442 982d286ea16acf43 ad1ab6c1cc22aed3"
 STGCNN = "social_stgcnn:SocialStgcnn:repo=checkouts/Social-STGCNN"
 
-GRAPH_TERN = _external(
-    "Graph-TERN",
-    "graph_tern:GraphTern:repo=checkouts/GraphTERN",
-    "f220be6858218dcf deabc03c344f7bd0 ed48d7122608dbc3 22ae5eb8e87ca4ef 3b06c725b3e88e08",
-)
-SR_LSTM = _external(
-    "SR-LSTM",
-    "sr_lstm:SrLstm:repo=checkouts/SR-LSTM",
-    "52dffbc92a026598 a75bb447ba934bd7 73946bc795e51c1a c8310284b3550a48 b42d3ffe3b95ba67",
-)
+TERN_WEIGHTS = "f220be6858218dcf deabc03c344f7bd0 ed48d7122608dbc3 22ae5eb8e87ca4ef 3b06c725b3e88e08"
+SR_LSTM_WEIGHTS = "52dffbc92a026598 a75bb447ba934bd7 73946bc795e51c1a c8310284b3550a48 b42d3ffe3b95ba67"
+TERN, SR_LSTM = "graph_tern:GraphTern:repo=checkouts/GraphTERN", "sr_lstm:SrLstm:repo=checkouts/SR-LSTM"
 
 PUBLISHED = Benchmark(
     "published",
@@ -45,8 +38,17 @@ PUBLISHED = Benchmark(
                 _external("Social-STGCNN, paper's weights", f"{STGCNN}-first", FIRST),
                 _external("Social-STGCNN, newest weights", STGCNN, NEWEST),
                 _external("Social-STGCNN, newest weights, means", f"{STGCNN},mean=true", NEWEST),
-                GRAPH_TERN,
-                SR_LSTM,
+                _external(
+                    "Graph-TERN",
+                    TERN,
+                    TERN_WEIGHTS,
+                    (
+                        "eth",
+                        "hotel",
+                        "zara1",
+                    ),
+                ),
+                _external("SR-LSTM", SR_LSTM, SR_LSTM_WEIGHTS, ("eth",)),
             ),
         ),
         Part(
@@ -56,7 +58,15 @@ PUBLISHED = Benchmark(
             external=(
                 _external("Social-STGCNN, paper's weights", f"{STGCNN}-first", FIRST),
                 _external("Social-STGCNN, newest weights", STGCNN, NEWEST),
-                GRAPH_TERN,
+                _external(
+                    "Graph-TERN",
+                    TERN,
+                    TERN_WEIGHTS,
+                    (
+                        "eth",
+                        "hotel",
+                    ),
+                ),
             ),
         ),
     ),
