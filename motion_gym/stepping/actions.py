@@ -1,22 +1,79 @@
-"""Actions of the environments: their space, and the check of an array that an agent or a policy gives."""
+"""Actions of the environments: their space, the check of an array that is given, and the forecast it stands for."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from motion_gym.contract import FUTURE, ActionError
+from motion_gym.contract import FUTURE, ActionError, SpecError
+from motion_gym.specs import number, one_of
 
+ACTIONS = ("position", "displacement")
 BOUND = 1e7
-"""Bounds of the action spaces, in metres: finite, since many learning libraries refuse unbounded spaces, and far wider
-than any recording. An action beyond them is accepted."""
+"""Bounds of the space of positions, in the unit of the domain: finite, since many learning libraries refuse unbounded
+spaces, and far wider than any recording. An action beyond them is accepted."""
+DISPLACEMENT_LIMIT = 1.0
+"""Metres per step: 2.5 m/s in steps of 0.4 s."""
 
 
-def action_space(*shape: int) -> gymnasium.spaces.Box:
-    """``Box(*shape, 12, 2)``, float32, bounded by ``BOUND``."""
-    return gymnasium.spaces.Box(-BOUND, BOUND, (*shape, FUTURE, 2), np.float32)
+@dataclass(frozen=True)
+class Actions:
+    """What the actions of an environment stand for.
+
+    ``position``: the 12 future positions, in the frame of the observation; bounded by ``BOUND``, not enforced.
+    ``displacement``: 12 consecutive displacements of each agent, scaled to [-1, 1]: the position at step n is the last
+    observed position plus ``limit`` times the sum of the first n displacements. Values beyond [-1, 1] are clipped.
+
+    Args:
+        kind: One of ``ACTIONS``.
+        limit: Largest displacement along x and along y in one step, in the unit of the domain; 1 m by default.
+        unit: Unit of the domain.
+
+    Raises:
+        SpecError: the kind is not known, or the limit is no positive number, has no use, or is needed.
+    """
+
+    kind: str = "position"
+    limit: float | None = None
+    unit: str = "m"
+
+    def __post_init__(self) -> None:
+        one_of("action", self.kind, ACTIONS)
+        if self.limit is not None:
+            number("displacement_limit", self.limit, 0, BOUND, above=True)
+        if self.kind == "position" and self.limit is not None:
+            raise SpecError(
+                f"`displacement_limit={self.limit}` has no effect on positions: add action='displacement', or leave "
+                "it out."
+            )
+        if self.kind == "displacement" and self.limit is None:
+            if self.unit != "m":
+                raise SpecError(
+                    f"action='displacement' needs `displacement_limit`, the largest displacement in one step, in "
+                    f"{self.unit}: the default of {DISPLACEMENT_LIMIT:g} is in metres."
+                )
+            object.__setattr__(self, "limit", DISPLACEMENT_LIMIT)
+
+    def space(self, *shape: int) -> gymnasium.spaces.Box:
+        """``Box(*shape, 12, 2)``, float32, bounded."""
+        bound = BOUND if self.limit is None else 1.0
+        return gymnasium.spaces.Box(-bound, bound, (*shape, FUTURE, 2), np.float32)
+
+    def positions(self, action: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """Forecast positions [..., K, 12, 2] float32 from actions of that shape; NaN where an action is not finite.
+
+        Args:
+            action: What ``checked_action`` gave.
+            last: [..., 2] last observed positions of the agents.
+        """
+        if self.limit is None:
+            return action
+        with np.errstate(invalid="ignore"):
+            scaled = np.where(np.isfinite(action), np.clip(action, -1, 1), np.nan) * np.float64(self.limit)
+            return (last[..., None, None, :] + scaled.cumsum(axis=-2)).astype(np.float32)
 
 
 def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: bool = False) -> np.ndarray:
@@ -37,7 +94,7 @@ def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: b
     if action.shape != shape and not (one_sample and shape[0] == 1 and action.shape == shape[1:]):
         raise ActionError(
             f"{name} has shape {action.shape}, expected {shape}; the last three axes are K samples, {FUTURE} future "
-            "steps, and x and y in metres."
+            "steps, and x and y."
         )
     if action.dtype.char == "d":
         with np.errstate(over="ignore"):  # values beyond float32 become infinite, and the environment refuses these

@@ -10,6 +10,7 @@ import numpy as np
 from motion_gym.contract import ActionError, Domain, Forecast
 from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.actions import checked_action
+from motion_gym.stepping.order import check_order, first_scene, order_of
 from motion_gym.stepping.padded import Padded
 from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
 from motion_gym.stepping.windows_clock import WindowsClock
@@ -22,8 +23,9 @@ class WindowEnv(gymnasium.Env):
     ``Dict(history=Box(max_agents, 8, F), mask=MultiBinary(max_agents))``: rows whose mask is 0 are zero.
 
     ## Action space
-    ``Box(max_agents, K, 12, 2)``, float32, metres; rows whose mask is 0 are ignored. float64 is cast. The bounds
-    (``BOUND``) are wider than any recording, and not enforced.
+    ``Box(max_agents, K, 12, 2)``, float32; rows whose mask is 0 are ignored. float64 is cast. ``action="position"``:
+    metres, bounds (``BOUND``) are wider than any recording, and not enforced. ``action="displacement"``: consecutive
+    displacements from the last observed position, -1 to 1 times ``displacement_limit``; values beyond are clipped.
 
     ## Reward
     Minus the ADE of the most likely (first) sample, averaged over the window's agents.
@@ -34,8 +36,8 @@ class WindowEnv(gymnasium.Env):
 
     ## Episode end
     Terminates after the last window of the split; a full episode is the published test set. Windows are played in the
-    order of time, or, once ``reset`` was given a seed, in an order drawn anew by each ``reset``, so that copies of this
-    environment play different windows.
+    order of time. With ``order="shuffled"`` each ``reset`` draws an order anew, so that copies of this environment with
+    different seeds play different windows.
 
     Args:
         domain: A name, a spec, ``"module:Class"`` or a domain.
@@ -43,6 +45,10 @@ class WindowEnv(gymnasium.Env):
         samples: K.
         max_agents: Rows of an observation; by default those of the largest window of the split.
         render_mode: ``"rgb_array"``, ``"human"`` or None.
+        action: ``"position"`` or ``"displacement"``, see ``Actions``: displacements are scaled to ``Box(-1, 1)``.
+        displacement_limit: Largest displacement along x and along y in one step; 1 m by default.
+        observation_bound: Bound of every value of a history, for clients that need a finite space; None for none.
+        order: ``"published"`` or ``"shuffled"``, see ``ORDERS``.
         **parameters: Parameters of the domain.
     """
 
@@ -55,17 +61,23 @@ class WindowEnv(gymnasium.Env):
         samples: int = 1,
         max_agents: int | None = None,
         render_mode: str | None = None,
+        action: str = "position",
+        displacement_limit: float | None = None,
+        observation_bound: float | None = None,
+        order: str = "published",
         **parameters: Any,
     ):
         check_render_mode(render_mode)
-        self.padded = Padded(domain, split, max_agents, samples, **parameters)
+        self.padded = Padded(
+            domain, split, max_agents, samples, action, displacement_limit, observation_bound, **parameters
+        )
         self.domain = self.padded.domain
         self.observation_space = self.padded.observation_space
         self.action_space = self.padded.action_space
         self.render_mode = render_mode
+        self._ordered = check_order(order)
         self.order = np.arange(len(self.padded.sizes))
         self.at = -1
-        self._shuffled = False
         self.forecast: Forecast | None = None  # Of the last window, as it arrived here through any wrappers.
         card = self.domain.card
         extent = WindowsClock(self.padded.truth).extent
@@ -73,12 +85,18 @@ class WindowEnv(gymnasium.Env):
         self._canvas = Canvas(card.name, extent, card.unit, self.metadata["render_fps"], origin)
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict[str, np.ndarray], dict]:
-        """Go to the first window; a seed shuffles the windows of this and of later episodes. No options."""
-        super().reset(seed=seed)
-        self._shuffled |= seed is not None
+        """Go to the first window.
+
+        Args:
+            seed: Determines the order of this and of later episodes with ``order="shuffled"``.
+            options: ``{"scene": n}`` begins with window n, and goes on from there in the order of the episode.
+        """
         windows = len(self.order)
-        self.order = self.np_random.permutation(windows) if self._shuffled else np.arange(windows)
-        self.at, self.forecast = 0, None
+        scene = first_scene(options, windows)
+        super().reset(seed=seed)
+        self.order = order_of(windows, self._ordered, self.np_random)
+        self.at = 0 if scene is None else int(np.flatnonzero(self.order == scene[0])[0])
+        self.forecast = None
         self._show(self.window)
         return self._observe(), {}
 
@@ -92,7 +110,9 @@ class WindowEnv(gymnasium.Env):
         if not 0 <= self.at < len(self.order):
             raise ActionError("The episode is over, or was not begun: call reset().")
         action, window = checked_action(action, self.action_space.shape or (), "The action"), self.window
-        reward, revealed = self.padded.score(np.array([window]), action[None])
+        here = np.array([window])
+        action = self.padded.forecasts(here, action[None])[0]
+        reward, revealed = self.padded.score(here, action[None])
         info = {key: value[0] for key, value in revealed.items()} | {"window": window}
         self.forecast = Forecast(action[: self.padded.sizes[window]].copy())
         self._show(window)

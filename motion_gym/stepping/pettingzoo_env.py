@@ -12,12 +12,14 @@ from pettingzoo import ParallelEnv
 from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, PredictorError, SpecError
 from motion_gym.data.windows import positions_only
-from motion_gym.stepping.actions import action_space, checked_action
+from motion_gym.stepping.actions import Actions, checked_action
 from motion_gym.stepping.clocks import Settled, Step
 from motion_gym.stepping.dicts import infos_of
 from motion_gym.stepping.harness import windows_of_domain
+from motion_gym.stepping.order import first_scene
 from motion_gym.stepping.outstanding import Outstanding
 from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
+from motion_gym.stepping.spaces import history_space
 from motion_gym.stepping.stream_clock import StreamClock
 from motion_gym.stepping.windows_clock import WindowsClock
 
@@ -31,9 +33,10 @@ class ForecastEnv(ParallelEnv):
     ``Box(8, F)``, float32: x and y in metres, oldest first, and the domain's further features.
 
     ## Action space
-    ``Box(K, 12, 2)``, float32: K sampled forecasts of the agent's next 12 positions, in metres, in the frame of the
-    observation. With K = 1, ``(12, 2)`` is accepted too; float64 is cast. The bounds (``BOUND``) are wider than any
-    recording, and not enforced.
+    ``Box(K, 12, 2)``, float32: K sampled forecasts. With K = 1, ``(12, 2)`` is accepted too; float64 is cast.
+    ``action="position"``: the agent's next 12 positions, in metres, in the frame of the observation; the bounds
+    (``BOUND``) are wider than any recording, and not enforced. ``action="displacement"``: consecutive displacements
+    from the last observed position, -1 to 1 times ``displacement_limit``; values beyond are clipped.
 
     ## Clocks
     ``windows``: each step is the next window of the split. Agents live for one step: they enter, their forecast is
@@ -60,6 +63,9 @@ class ForecastEnv(ParallelEnv):
         split: Which split to play.
         samples: K.
         render_mode: ``"rgb_array"``, ``"human"`` or None.
+        action: ``"position"`` or ``"displacement"``, see ``Actions``: displacements are scaled to ``Box(-1, 1)``.
+        displacement_limit: Largest displacement along x and along y in one step; 1 m by default.
+        observation_bound: Bound of every value of a history, for clients that need a finite space; None for none.
         **parameters: Parameters of the domain.
     """
 
@@ -77,6 +83,9 @@ class ForecastEnv(ParallelEnv):
         split: str = "test",
         samples: int = 1,
         render_mode: str | None = None,
+        action: str = "position",
+        displacement_limit: float | None = None,
+        observation_bound: float | None = None,
         **parameters: Any,
     ):
         self.domain = catalog.domain(domain, **parameters)
@@ -93,9 +102,11 @@ class ForecastEnv(ParallelEnv):
         self.agents: list[str] = []
         self._step = self.clock.reset()
         features = self._step.observation.history.shape[2]
-        self._observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (HISTORY, features), np.float32)
-        self._action_space = action_space(samples)
         card = self.domain.card
+        largest = 0.0 if observation_bound is None else self.clock.largest
+        self._observation_space = history_space((HISTORY, features), observation_bound, largest, card.name)
+        self._actions = Actions(action, displacement_limit, card.unit)
+        self._action_space = self._actions.space(samples)
         origin = origin_of(self.domain, split) if render_mode else None
         title, fps = f"{card.name}, {clock} clock", self.metadata["render_fps"]
         self._canvas = Canvas(title, self.clock.extent, card.unit, fps, origin)
@@ -114,8 +125,14 @@ class ForecastEnv(ParallelEnv):
         return self._action_space
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
-        """Go to the beginning. The data is what it is: seed and options change nothing."""
-        self._enter(self.clock.reset())
+        """Go to the beginning.
+
+        Args:
+            seed: Changes nothing: the data is what it is.
+            options: ``{"scene": n}`` begins with window n, or with the n-th frame at which somebody is observed.
+        """
+        scene = first_scene(options, self.clock.scenes)
+        self._enter(self.clock.reset(0 if scene is None else int(scene[0])))
         self._show(None)
         return self._observations(), {name: {} for name in self.agents}
 
@@ -192,7 +209,7 @@ class ForecastEnv(ParallelEnv):
         stacked = np.stack(
             [checked_action(actions[n], shape, f"Action of `{n}`", one_sample=True) for n in self.agents]
         )
-        return Forecast(stacked)
+        return Forecast(self._actions.positions(stacked, self._step.observation.xy[:, -1]))
 
     def _show(self, settled: Settled | None) -> None:
         if not self.render_mode:

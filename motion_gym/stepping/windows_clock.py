@@ -35,9 +35,19 @@ class WindowsClock:
         """``window_W_agent_N``."""
         return f"window_{self._window[identity]}_agent_{self.truth.observation.agent[identity]}"
 
-    def reset(self) -> Step:
-        """Go to the first window, with an empty ledger."""
-        self.time, self.ledger = 0, Outstanding(keep=True)
+    @property
+    def scenes(self) -> int:
+        """Number of steps of an episode: one a window."""
+        return self.truth.observation.scenes
+
+    @property
+    def largest(self) -> float:
+        """Largest absolute value of the histories of an episode."""
+        return float(np.abs(self.truth.observation.history).max(initial=0.0))
+
+    def reset(self, scene: int = 0) -> Step:
+        """Go to a window, by default the first, with an empty ledger."""
+        self.time, self.ledger = scene, Outstanding(keep=True)
         return self._reveal(np.zeros(0), None)
 
     def step(self, forecast: Forecast) -> Step:

@@ -62,15 +62,18 @@ class ScoreWindows(gymnasium.Wrapper):
         _must_be(env, WindowEnv)
         super().__init__(env)
         self._forecasts: list[np.ndarray] = []
+        self._windows: list[int] = []
 
     def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
         """Reset, and forget the scores of the last episode."""
-        self._forecasts = []
+        self._forecasts, self._windows = [], []
         return super().reset(**arguments)
 
     def step(self, action: np.ndarray) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step, and keep the forecasts of this window."""
+        window = self.unwrapped.window  # type: ignore[attr-defined]
         outcome = super().step(action)
+        self._windows.append(window)
         self._forecasts.append(self.unwrapped.forecast.positions)  # type: ignore[attr-defined]
         return outcome
 
@@ -84,7 +87,7 @@ class ScoreWindows(gymnasium.Wrapper):
             raise SpecError("No window has been forecast yet: step the environment before you ask for a score.")
         forecast = Forecast(np.concatenate(self._forecasts))
         env: Any = self.unwrapped
-        truth = pick_scenes(env.padded.truth, env.order[: len(self._forecasts)])
+        truth = pick_scenes(env.padded.truth, self._windows)
         return _summary(forecast, truth, env.domain.card.unit)
 
 
