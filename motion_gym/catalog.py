@@ -337,7 +337,11 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str
             "of)`, and adapt a copy, `copy.deepcopy(of)`."
         )
     if unknown is not None:
-        raise ParameterError(f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}")
+        # The last words are Python's own, which learning libraries look for.
+        raise ParameterError(
+            f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)} "
+            f"(TypeError: got an unexpected keyword argument '{unknown}')"
+        )
     ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
     if missing == ["of"]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from motion_gym.contract import ActionError, Domain, Forecast
 from motion_gym.data.windows import pick_scenes
-from motion_gym.stepping.actions import checked_action
 from motion_gym.stepping.order import check_order, first_scene, order_of
 from motion_gym.stepping.padded import Padded
 from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
+from motion_gym.stepping.spaces import checked_action
 from motion_gym.stepping.windows_clock import WindowsClock
 
 
@@ -91,12 +91,11 @@ class WindowEnv(gymnasium.Env):
             seed: Determines the order of this and of later episodes with ``order="shuffled"``.
             options: ``{"scene": n}`` begins with window n, and goes on from there in the order of the episode.
         """
-        windows = len(self.order)
+        windows = len(self.padded.sizes)
         scene = first_scene(options, windows)
         super().reset(seed=seed)
-        self.order = order_of(windows, self._ordered, self.np_random)
-        self.at = 0 if scene is None else int(np.flatnonzero(self.order == scene[0])[0])
-        self.forecast = None
+        self.order = order_of(windows, self._ordered, self.np_random, scene)
+        self.at, self.forecast = 0, None
         self._show(self.window)
         return self._observe(), {}
 

@@ -1,4 +1,4 @@
-"""Which scene an episode begins with, and the order of the windows."""
+"""The order in which an episode plays the windows, and the scene that it begins with."""
 
 from __future__ import annotations
 
@@ -19,41 +19,56 @@ OPTIONS = ("scene",)
 """Options of ``reset``."""
 
 
-def order_of(windows: int, order: str, generator: np.random.Generator) -> np.ndarray:
-    """[windows] the numbers of the windows in the order in which an episode plays them."""
-    return generator.permutation(windows) if order == "shuffled" else np.arange(windows)
-
-
 def check_order(order: str) -> str:
     """The order, if it is one of ``ORDERS``; SpecError otherwise."""
     return one_of("order", order, ORDERS)
 
 
-def first_scene(options: Mapping[str, Any] | None, scenes: int, copies: int | None = None) -> np.ndarray | None:
-    """Numbers of the scenes that ``reset(options={"scene": ...})`` chooses; None where it chooses none.
+def order_of(windows: int, order: str, generator: np.random.Generator, first: int | None = None) -> np.ndarray:
+    """Numbers of the windows in the order in which an episode plays them.
 
     Args:
-        options: Of ``reset``. A warning names those that are not known, as all other environments ignore theirs.
-        scenes: Number of scenes to choose from.
-        copies: Number of environments of a vector environment, which take one number each, or one for all.
+        windows: Number of windows.
+        order: One of ``ORDERS``.
+        generator: Source of a shuffled order.
+        first: Window that the episode begins with: those that come before it in the order are left out.
+    """
+    numbers = generator.permutation(windows) if order == "shuffled" else np.arange(windows)
+    return numbers if first is None else numbers[int(np.flatnonzero(numbers == first)[0]) :]
 
-    Returns:
-        [copies], or [1] for a single environment.
+
+def first_scene(options: Mapping[str, Any] | None, scenes: int) -> int | None:
+    """Number of the scene that ``reset(options={"scene": n})`` begins with; None where it names none.
+
+    Other options are ignored with a warning.
 
     Raises:
-        SpecError: the number is not one of a scene.
+        SpecError: there is no such scene.
     """
-    options = options or {}
+    chosen = _chosen(options)
+    return None if chosen is None else whole_number("scene", chosen, 0, scenes - 1)
+
+
+def first_scenes(options: Mapping[str, Any] | None, scenes: int, copies: int) -> np.ndarray | None:
+    """[copies] numbers of the scenes of a vector environment; ``options`` names one for all, or one for each.
+
+    Raises:
+        SpecError: there is no such scene, or there are not as many numbers as copies.
+    """
+    chosen = _chosen(options)
+    if chosen is None:
+        return None
+    listed = list(chosen) if isinstance(chosen, (list, tuple, np.ndarray)) else [chosen] * copies
+    if len(listed) != copies:
+        raise SpecError(f"`scene` has {len(listed)} numbers: give one, or one for each of the {copies} environments.")
+    return np.array([whole_number("scene", number, 0, scenes - 1) for number in listed])
+
+
+def _chosen(options: Mapping[str, Any] | None) -> Any:
+    options = {} if options is None else options
     if not isinstance(options, Mapping):
         raise SpecError(f"`options` of reset is a dict, as {{'scene': 3}}, not {type(options).__name__}.")
     for key in options:
         if key not in OPTIONS:
-            warnings.warn(f"reset() has no option `{key}`.{suggest(str(key), OPTIONS)}", stacklevel=3)
-    chosen = options.get("scene")
-    if chosen is None:
-        return None
-    listed = list(chosen) if copies is not None and isinstance(chosen, (list, tuple, np.ndarray)) else [chosen]
-    if copies is not None and len(listed) not in (1, copies):
-        raise SpecError(f"`scene` has {len(listed)} numbers: give one, or one for each of the {copies} environments.")
-    numbers = [whole_number("scene", number, 0, scenes - 1) for number in listed]
-    return np.array(numbers * (copies or 1) if len(numbers) == 1 else numbers)
+            warnings.warn(f"reset() has no option `{key}`.{suggest(str(key), OPTIONS)}", stacklevel=4)
+    return options.get("scene")

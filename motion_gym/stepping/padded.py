@@ -10,9 +10,8 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.contract import MOST_SAMPLES, ActionError, Domain, SpecError
 from motion_gym.metrics.errors import distance, mean_over_known
-from motion_gym.stepping.actions import Actions
 from motion_gym.stepping.harness import windows_of_domain
-from motion_gym.stepping.spaces import history_space
+from motion_gym.stepping.spaces import Actions, history_space
 
 
 class Padded:

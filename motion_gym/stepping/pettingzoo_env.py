@@ -12,14 +12,13 @@ from pettingzoo import ParallelEnv
 from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, PredictorError, SpecError
 from motion_gym.data.windows import positions_only
-from motion_gym.stepping.actions import Actions, checked_action
 from motion_gym.stepping.clocks import Settled, Step
 from motion_gym.stepping.dicts import infos_of
 from motion_gym.stepping.harness import windows_of_domain
-from motion_gym.stepping.order import first_scene
+from motion_gym.stepping.order import check_order, first_scene, order_of
 from motion_gym.stepping.outstanding import Outstanding
 from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
-from motion_gym.stepping.spaces import history_space
+from motion_gym.stepping.spaces import Actions, checked_action, history_space
 from motion_gym.stepping.stream_clock import StreamClock
 from motion_gym.stepping.windows_clock import WindowsClock
 
@@ -66,6 +65,7 @@ class ForecastEnv(ParallelEnv):
         action: ``"position"`` or ``"displacement"``, see ``Actions``: displacements are scaled to ``Box(-1, 1)``.
         displacement_limit: Largest displacement along x and along y in one step; 1 m by default.
         observation_bound: Bound of every value of a history, for clients that need a finite space; None for none.
+        order: ``"published"`` or ``"shuffled"``, see ``ORDERS``; a stream is always played in the order of time.
         **parameters: Parameters of the domain.
     """
 
@@ -86,11 +86,16 @@ class ForecastEnv(ParallelEnv):
         action: str = "position",
         displacement_limit: float | None = None,
         observation_bound: float | None = None,
+        order: str = "published",
         **parameters: Any,
     ):
         self.domain = catalog.domain(domain, **parameters)
         if clock not in CLOCKS:
             raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
+        self._ordered = check_order(order)
+        if clock == "stream" and order == "shuffled":
+            raise SpecError("order='shuffled' is of the windows clock: a stream is played in the order of time.")
+        self._generator = np.random.default_rng()
         samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
         check_render_mode(render_mode)
         self.clock = make_clock(self.domain, clock, split)
@@ -128,11 +133,17 @@ class ForecastEnv(ParallelEnv):
         """Go to the beginning.
 
         Args:
-            seed: Changes nothing: the data is what it is.
-            options: ``{"scene": n}`` begins with window n, or with the n-th frame at which somebody is observed.
+            seed: Determines the order of this and of later episodes with ``order="shuffled"``.
+            options: ``{"scene": n}`` begins with window n, or with the n-th frame at which somebody is observed, and
+                goes on from there in the order of the episode.
         """
         scene = first_scene(options, self.clock.scenes)
-        self._enter(self.clock.reset(0 if scene is None else int(scene[0])))
+        if seed is not None:
+            self._generator = np.random.default_rng(seed)
+        if isinstance(self.clock, StreamClock):
+            self._enter(self.clock.reset(scene or 0))
+        else:
+            self._enter(self.clock.reset(order_of(self.clock.scenes, self._ordered, self._generator, scene)))
         self._show(None)
         return self._observations(), {name: {} for name in self.agents}
 

@@ -106,6 +106,11 @@ class StreamClock:
         """Largest absolute value of the histories of an episode."""
         return max((float(np.abs(self._history(int(time))).max()) for time in self.times), default=0.0)
 
+    @property
+    def most(self) -> int:
+        """Largest number of agents observed at once."""
+        return max(map(len, self._rows.values()), default=0)
+
     def reset(self, scene: int = 0) -> Step:
         """Go to a frame of ``times``, by default the first, with an empty ledger."""
         return self.resume(scene, Outstanding(self.keep))

@@ -10,9 +10,9 @@ from gymnasium.vector.utils import batch_space
 
 from motion_gym import catalog
 from motion_gym.contract import ActionError, Domain, SpecError
-from motion_gym.stepping.actions import checked_action
-from motion_gym.stepping.order import check_order, first_scene, order_of
+from motion_gym.stepping.order import check_order, first_scenes, order_of
 from motion_gym.stepping.padded import Padded
+from motion_gym.stepping.spaces import checked_action
 
 
 class WindowVectorEnv(VectorEnv):
@@ -85,12 +85,12 @@ class WindowVectorEnv(VectorEnv):
                 window n, and goes on from there in the order of the episode.
         """
         windows = len(self.order)
-        scene = first_scene(options, windows, self.num_envs)
+        scenes = first_scenes(options, windows, self.num_envs)
         seeds = [s for s in (seed if isinstance(seed, (list, tuple)) else [seed]) if s is not None]
         if seeds:
             self._np_random, self._np_random_seed = np.random.default_rng(seeds), seeds[0]
         self.order = order_of(windows, self._ordered, self.np_random)
-        self.at = np.arange(self.num_envs) if scene is None else np.argsort(self.order)[scene]
+        self.at = np.arange(self.num_envs) if scenes is None else np.argsort(self.order)[scenes]
         self._ended[:] = False
         self._begun = True
         return self.padded.observe(self.window), {}

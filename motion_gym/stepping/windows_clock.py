@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from motion_gym.contract import Forecast, Truth
@@ -45,9 +47,24 @@ class WindowsClock:
         """Largest absolute value of the histories of an episode."""
         return float(np.abs(self.truth.observation.history).max(initial=0.0))
 
-    def reset(self, scene: int = 0) -> Step:
-        """Go to a window, by default the first, with an empty ledger."""
-        self.time, self.ledger = scene, Outstanding(keep=True)
+    @property
+    def most(self) -> int:
+        """Largest number of agents observed at once."""
+        return int(np.diff(self.truth.observation.scene).max(initial=0))
+
+    @property
+    def time(self) -> int:
+        """Number of the current window; after the end, one more than that of the last."""
+        return int(self._order[self._at]) if self._at < len(self._order) else self.scenes
+
+    def reset(self, order: Sequence[int] | np.ndarray | None = None) -> Step:
+        """Begin with an empty ledger.
+
+        Args:
+            order: Numbers of the windows to play; by default all, in the order of time.
+        """
+        self._order, self._at = np.arange(self.scenes) if order is None else np.asarray(order), 0
+        self.ledger = Outstanding(keep=True)
         return self._reveal(np.zeros(0), None)
 
     def step(self, forecast: Forecast) -> Step:
@@ -57,7 +74,7 @@ class WindowsClock:
         stored, truth = self.ledger.settle(self.time, window.future, window.known)
         error = distance(stored.most_likely().astype(np.float64) - truth.future)
         made = np.full(len(identity), self.time)
-        self.time += 1
+        self._at += 1
         reward = -np.nan_to_num(mean_over_known(error, truth.known))
         return self._reveal(reward, Settled(stored, truth, identity, truth.observation.agent, made))
 

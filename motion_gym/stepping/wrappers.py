@@ -1,14 +1,15 @@
-"""Wrappers that score whatever acts in an environment, however it acts."""
+"""Wrappers: two that score whatever acts in an environment, and one for clients that need a fixed set of agents."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
 import numpy as np
 from pettingzoo.utils import BaseParallelWrapper
 
-from motion_gym.contract import Forecast, SpecError, Truth
+from motion_gym.contract import ActionError, Forecast, SpecError, Truth
 from motion_gym.data.windows import pick_scenes
 from motion_gym.metrics.bootstrap import Summary, summarise
 from motion_gym.metrics.errors import score
@@ -89,6 +90,85 @@ class ScoreWindows(gymnasium.Wrapper):
         env: Any = self.unwrapped
         truth = pick_scenes(env.padded.truth, self._windows)
         return _summary(forecast, truth, env.domain.card.unit)
+
+
+class FixedAgents(BaseParallelWrapper):
+    """Lets ``slot_0`` to ``slot_N`` act for the agents of a PettingZoo environment of motion-gym; both clocks.
+
+    There are as many slots as agents are ever there at once, and all of them stay from ``reset`` to the last step, when
+    all terminate. An agent takes the first free slot when it enters and keeps it until it leaves; another agent may
+    take the slot afterwards. A slot without an agent observes zeros and has the reward 0, and its action is ignored.
+    The reward and the infos of a step are those of the agent that acted.
+
+    Args:
+        env: A ``ForecastEnv``, or a wrapper around one.
+
+    Attributes:
+        slots: Slot of each agent that is there, by the agent's name.
+
+    Raises:
+        SpecError: it is something else.
+    """
+
+    def __init__(self, env: Any):
+        _must_be(env, ForecastEnv)
+        super().__init__(env)
+        inner: Any = self.unwrapped
+        agent = inner.possible_agents[0]
+        self._observation_space, self._action_space = env.observation_space(agent), env.action_space(agent)
+        self.possible_agents = [f"slot_{number}" for number in range(inner.clock.most)]
+        self.agents: list[str] = []
+        self.slots: dict[str, str] = {}
+
+    def observation_space(self, agent: str) -> gymnasium.spaces.Space:
+        """The same for all slots."""
+        return self._observation_space
+
+    def action_space(self, agent: str) -> gymnasium.spaces.Space:
+        """The same for all slots."""
+        return self._action_space
+
+    def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
+        """Reset the environment; its first agents take the first slots."""
+        observations, _ = self.env.reset(seed=seed, options=options)
+        self.agents, self.slots = list(self.possible_agents), {}
+        self._enter()
+        return self._observe(observations), {slot: {} for slot in self.agents}
+
+    def step(self, actions: Mapping[str, np.ndarray]) -> tuple[dict, dict, dict, dict, dict]:
+        """Hand the actions of the slots to their agents.
+
+        Raises:
+            ActionError: a slot with an agent has no action, or as for the environment.
+        """
+        missing = [slot for slot in self.slots.values() if slot not in actions]
+        if missing:
+            raise ActionError(f"No action for `{missing[0]}`: every slot of `env.agents` needs an action.")
+        acted = dict(self.slots)
+        observations, rewards, _, _, infos = self.env.step({name: actions[slot] for name, slot in acted.items()})
+        here = set(self.env.agents)
+        self.slots = {name: slot for name, slot in acted.items() if name in here}
+        self._enter()
+        ended = not here
+        reward = dict.fromkeys(self.possible_agents, 0.0) | {slot: rewards[name] for name, slot in acted.items()}
+        if ended:
+            self.agents = []
+        flags = dict.fromkeys(self.possible_agents, ended)
+        reported = {slot: infos[name] for name, slot in acted.items()}
+        info = {slot: reported.get(slot, {}) for slot in self.possible_agents}
+        return self._observe(observations), reward, flags, dict.fromkeys(self.possible_agents, False), info
+
+    def _enter(self) -> None:
+        taken = set(self.slots.values())
+        free = (slot for slot in self.possible_agents if slot not in taken)
+        for name in self.env.agents:
+            if name not in self.slots:
+                self.slots[name] = next(free)
+
+    def _observe(self, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        shape, dtype = self._observation_space.shape or (), self._observation_space.dtype
+        occupied = {slot: observations[name] for name, slot in self.slots.items()}
+        return {slot: occupied[slot] if slot in occupied else np.zeros(shape, dtype) for slot in self.possible_agents}
 
 
 def _summary(forecast: Forecast, truth: Truth, unit: str) -> dict[str, Summary]:

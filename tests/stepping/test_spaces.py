@@ -6,9 +6,9 @@ import pytest
 
 import motion_gym
 from motion_gym.contract import ActionError
-from motion_gym.stepping.actions import BOUND, checked_action
 from motion_gym.stepping.gymnasium_env import WindowEnv
 from motion_gym.stepping.pettingzoo_env import ForecastEnv
+from motion_gym.stepping.spaces import BOUND, checked_action
 from motion_gym.stepping.vector_env import WindowVectorEnv
 
 PLACE = "orca:scenes=6"
