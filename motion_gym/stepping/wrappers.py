@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.spaces import flatten_space
 from pettingzoo.utils import BaseParallelWrapper
 
 from motion_gym.contract import ActionError, Forecast, SpecError, Truth
@@ -102,6 +103,7 @@ class FixedAgents(BaseParallelWrapper):
 
     Args:
         env: A ``ForecastEnv``, or a wrapper around one.
+        flat: Observations and actions of one dimension, for clients that take no others.
 
     Attributes:
         slots: Slot of each agent that is there, by the agent's name.
@@ -110,12 +112,15 @@ class FixedAgents(BaseParallelWrapper):
         SpecError: it is something else.
     """
 
-    def __init__(self, env: Any):
+    def __init__(self, env: Any, flat: bool = False):
         _must_be(env, ForecastEnv)
         super().__init__(env)
         inner: Any = self.unwrapped
-        agent = inner.possible_agents[0]
-        self._observation_space, self._action_space = env.observation_space(agent), env.action_space(agent)
+        agent, self._flat = inner.possible_agents[0], flat
+        spaces = env.observation_space(agent), env.action_space(agent)
+        self._action_shape = spaces[1].shape
+        self._observation_space = flatten_space(spaces[0]) if flat else spaces[0]
+        self._action_space = flatten_space(spaces[1]) if flat else spaces[1]
         self.possible_agents = [f"slot_{number}" for number in range(inner.clock.most)]
         self.agents: list[str] = []
         self.slots: dict[str, str] = {}
@@ -145,7 +150,8 @@ class FixedAgents(BaseParallelWrapper):
         if missing:
             raise ActionError(f"No action for `{missing[0]}`: every slot of `env.agents` needs an action.")
         acted = dict(self.slots)
-        observations, rewards, _, _, infos = self.env.step({name: actions[slot] for name, slot in acted.items()})
+        given = {name: self._action(actions[slot]) for name, slot in acted.items()}
+        observations, rewards, _, _, infos = self.env.step(given)
         here = set(self.env.agents)
         self.slots = {name: slot for name, slot in acted.items() if name in here}
         self._enter()
@@ -165,9 +171,13 @@ class FixedAgents(BaseParallelWrapper):
             if name not in self.slots:
                 self.slots[name] = next(free)
 
+    def _action(self, action: Any) -> Any:
+        fits = self._flat and isinstance(action, np.ndarray) and action.shape == self._action_space.shape
+        return action.reshape(self._action_shape) if fits else action
+
     def _observe(self, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         shape, dtype = self._observation_space.shape or (), self._observation_space.dtype
-        occupied = {slot: observations[name] for name, slot in self.slots.items()}
+        occupied = {slot: observations[name].reshape(shape) for name, slot in self.slots.items()}
         return {slot: occupied[slot] if slot in occupied else np.zeros(shape, dtype) for slot in self.possible_agents}
 
 
