@@ -1,4 +1,4 @@
-"""Names of domains and predictors: tables of names, and how a name, a spec or an object becomes an instance."""
+"""Tables of names of domains and predictors; makes instances from names, specs and classes."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Entry:
 
     Attributes:
         target: ``module:Class``.
-        summary: One line about it.
+        summary: One-line description.
         env_id: Id of the Gymnasium environment, for a domain.
-        parameters: Parameters that the name stands for. Another number may be set, as ``ema_anchor:anchor=0.1``.
+        parameters: Parameters that the name implies. Numbers may be changed, as in ``ema_anchor:anchor=0.1``.
     """
 
     target: str
@@ -46,7 +46,7 @@ class Entry:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def refused(self, parameters: Mapping[str, Any]) -> str | None:
-        """Name of a parameter whose value is neither the one that the name stands for nor another number."""
+        """Name of a parameter whose value is neither the implied value nor another number."""
         other = {k: (v, parameters.get(k)) for k, v in self.parameters.items() if parameters.get(k) != v}
         return next((k for k, values in other.items() if not set(map(type, values)) <= {int, float}), None)
 
@@ -120,7 +120,7 @@ PREDICTORS = {
     ),
     "refine": Entry(
         "motion_gym.predictors.adapters.refine:Refine",
-        "around modular: refines each forecast towards the style; needs what that one needs",
+        "around modular: refines each forecast towards the style; needs PyTorch and scenes of two agents",
     ),
     "ego_erm": Entry(
         "motion_gym.predictors.ego:EgoErm", "network in each agent's own frame, any neighbours, no style; needs PyTorch"
@@ -153,7 +153,7 @@ ADAPTERS = {
     ),
     "ekf": Entry("motion_gym.predictors.adapters.ekf:Ekf", "extended Kalman filter on a few weights"),
 }
-"""Predictors around another one, that learn from revealed truth."""
+"""Predictors around another predictor that learn from revealed truth."""
 
 
 def alias_of(name: str, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -181,10 +181,10 @@ def domain(spec: str | Domain, **parameters: Any) -> Domain:
 
     Args:
         spec: ``"eth:alpha=64"``, ``"module:Class"``, or a domain, which is returned as it is.
-        **parameters: They win over those in the spec.
+        **parameters: Parameters that override those in the spec.
 
     Raises:
-        SpecError: the name or a parameter is not known, or a value is not allowed.
+        SpecError: The name or a parameter is not known, or a value is not allowed.
     """
     return _make(spec, parameters, _DOMAIN)
 
@@ -193,7 +193,7 @@ def predictor(spec: str | Predictor, **parameters: Any) -> Predictor:
     """Make a predictor from a name, a spec, ``"module:Class"``, or an object, which is returned as it is.
 
     Raises:
-        SpecError: the name or a parameter is not known, or a value is not allowed.
+        SpecError: The name or a parameter is not known, or a value is not allowed.
     """
     return _make(spec, parameters, _PREDICTOR)
 
@@ -204,17 +204,17 @@ def adapter(spec: str | type, of: str | Predictor, **parameters: Any) -> Predict
     Args:
         spec: A name, a spec, ``"module:Class"`` or a class of adapters, whose constructor takes ``of``.
         of: A name, a spec or a predictor; a copy of it is adapted.
-        **parameters: Of the adapter; they win over those in the spec.
+        **parameters: Parameters of the adapter that override those in the spec.
 
     Raises:
-        SpecError: a name or a parameter is not known, or a value is not allowed.
-        PredictorError: the predictor is not such as the adapter needs.
+        SpecError: A name or a parameter is not known, or a value is not allowed.
+        PredictorError: The adapter cannot adapt this predictor.
     """
-    if "of" in parameters or (isinstance(spec, str) and "of" in parse_spec(spec)[1]):
-        raise SpecError(f"`of` in `{spec}` is the predictor to adapt, which is given already: leave it out.")
+    if isinstance(spec, str) and "of" in parse_spec(spec)[1]:
+        raise SpecError(f"`of` in `{spec}` is the predictor to adapt, which has its own argument: leave it out.")
     inner = predictor(of)
     if not isinstance(spec, str) or parse_spec(spec)[0] not in ADAPTERS:
-        inner = load_class("motion_gym.stepping.asked:Asked")(inner)  # it may return an array alone
+        inner = load_class("motion_gym.stepping.harness:CheckedPredictor")(inner)  # its predict may return an array
     return _make(spec, {**parameters, "of": inner}, _ADAPTER)
 
 
@@ -222,7 +222,7 @@ def load_class(target: str, kind: str = "object") -> type:
     """Import ``module:Class``.
 
     Raises:
-        SpecError: there is no such module or class.
+        SpecError: There is no such module or class.
     """
     module_name, _, class_name = target.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), class_name)):
@@ -257,7 +257,7 @@ def load_class(target: str, kind: str = "object") -> type:
 
 @dataclass(frozen=True)
 class _Kind:
-    """What ``_make`` makes: how it is called, the names it is known by, and what it must have."""
+    """A kind of object that ``_make`` makes: its name, its table, its required methods and its base class."""
 
     name: str
     table: Mapping[str, Entry]
@@ -265,7 +265,7 @@ class _Kind:
     base: str | None = None
 
     def check(self, thing: Any) -> Any:
-        """The thing, if it is of this kind; SpecError otherwise."""
+        """The object, if it is of this kind; SpecError otherwise."""
         name = type(thing).__name__
         if self.base and not isinstance(thing, load_class(self.base)):
             remedy = f"subclass motion_gym.{self.base.partition(':')[2]} and define {self.methods[0]}"
@@ -301,7 +301,7 @@ def _make(spec: Any, parameters: dict[str, Any], kind: _Kind) -> Any:
 def _factory(
     spec: str | type, parameters: dict[str, Any], kind: _Kind
 ) -> tuple[str, Callable[..., Any], dict[str, Any]]:
-    """The name, the class and the arguments that a spec or a class stands for."""
+    """The name, the class and the arguments of a spec or a class."""
     if not isinstance(spec, str):
         return spec.__name__, spec, parameters
     name, written = parse_spec(spec)
@@ -324,7 +324,7 @@ def _factory(
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str, Any], kind: str) -> None:
-    """Raise SpecError for arguments that a class does not take or lacks."""
+    """Raise SpecError if a class does not take an argument, or needs another one."""
     try:
         known = inspect.signature(factory).parameters
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""The contract: what flows between domains, predictors and the harness.
+"""The contract: the data that domains, predictors and the harness exchange.
 
 Arrays are float32 numpy. The agents of all scenes are stacked, and scenes are delimited as in CSR matrices: the
 agents of scene ``s`` are ``scene[s]:scene[s + 1]``. Positions are in the unit of the domain (metres, unless its card
@@ -16,25 +16,25 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 HISTORY = 8
-"""Observed steps."""
+"""Number of observed steps."""
 FUTURE = 12
-"""Forecast steps."""
+"""Number of forecast steps."""
 MOST_SAMPLES = 10_000
-"""Largest number of samples K that can be asked for."""
+"""Largest number of samples K."""
 EXACT = 2**53
-"""Whole numbers below this survive the trip through float64."""
+"""float64 represents all whole numbers below this."""
 ORIGIN_GRID = 1000.0
 """The origin of a recording is a multiple of this, in the unit of its positions."""
 WINDOW = HISTORY + FUTURE
-"""Steps of a window: 8 of history and 12 of future."""
+"""Number of steps of a window: 8 of history and 12 of future."""
 
 
 class MotionGymError(Exception):
-    """What motion-gym raises when it, and not the caller's code, sees what is wrong."""
+    """Base class of the errors that motion-gym raises on purpose."""
 
 
 class DataError(MotionGymError, ValueError):
-    """A recording or a data file is missing, damaged or not what it should be."""
+    """A recording or a data file is missing, damaged or not valid."""
 
 
 class SpecError(MotionGymError, ValueError):
@@ -42,7 +42,7 @@ class SpecError(MotionGymError, ValueError):
 
 
 class ParameterError(SpecError, TypeError):
-    """A keyword is not a parameter; a TypeError, too, as of any Python function."""
+    """A keyword is not a parameter; also a TypeError, as for any Python function."""
 
 
 class PredictorError(MotionGymError, ValueError):
@@ -50,11 +50,11 @@ class PredictorError(MotionGymError, ValueError):
 
 
 class ActionError(MotionGymError, ValueError):
-    """An action given to an environment is not a forecast that it can take."""
+    """An action is not a valid forecast for the environment."""
 
 
 def raised_at(error: BaseException) -> str:
-    """File and line that raised an exception, for messages about code of others."""
+    """File and line that raised an exception, for messages about users' code."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{Path(last.filename).name}, line {last.lineno}"
 
@@ -72,14 +72,14 @@ class Recording:
         agent: [R] int64, id of the agent in this recording.
         xy: [R, 2] float64, positions in the frame and the unit of the source.
         dt: Seconds per step.
-        name: Where it comes from, for messages.
+        name: Name for messages.
         origin: [2] float64, subtracted from ``xy`` in float64 before positions become float32. Observations, ground
-            truth and forecasts are relative to it: add it to get positions in the frame of the source. By default the
-            first row rounded to 1,000, so zero near the zero of the source; a cut made by ``dataclasses.replace`` keeps
-            it, so that it stays in the frame of the whole. Recordings of one domain may have different origins.
+            truth and forecasts are relative to the origin: add it to get positions in the frame of the source. The
+            default is the first row rounded to 1,000, so zero near the zero of the source. A part made by
+            ``dataclasses.replace`` keeps the origin of the whole. Recordings of one domain may have different origins.
 
     Raises:
-        DataError: a column has the wrong shape or type, or holds numbers that do not fit int64.
+        DataError: A column has the wrong shape or type, or holds numbers that do not fit int64.
     """
 
     frame: np.ndarray
@@ -133,7 +133,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a predictor sees.
+    """The input of a predictor.
 
     Attributes:
         history: [A, 8, F] float32; x, y and, in some domains, further features per step, oldest first. Positions are
@@ -141,9 +141,8 @@ class Observation:
         scene: [S + 1] int64; agents of scene ``s`` are ``scene[s]:scene[s + 1]``.
         agent: [A] int64; stable id of each agent within its domain and split.
         dt: Seconds per step.
-        time: [S] int64, when each scene was observed: its last observed listed frame, counted over all recordings of
-            the split or stream. With ``agent`` it identifies a scene, also where two scenes look alike. None where
-            the time is not known.
+        time: [S] int64, last observed listed frame of each scene, counted over all recordings of the split or stream.
+            Time and ``agent`` together identify a scene, even if two scenes look alike. None if not known.
     """
 
     history: np.ndarray
@@ -168,18 +167,18 @@ class Observation:
 
     @property
     def scene_index(self) -> np.ndarray:
-        """[A] int64, the scene that each agent belongs to."""
+        """[A] int64, the scene of each agent."""
         return np.repeat(np.arange(self.scenes), np.diff(self.scene))
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What happened after an observation.
+    """The ground truth that follows an observation.
 
     Attributes:
         future: [A, 12, 2] float32, positions in the frame of the observation; zero where not known.
-        known: [A, 12] bool; False for steps that never happened (the agent left) or are not yet revealed.
-        observation: The Observation that this truth answers.
+        known: [A, 12] bool; False for steps after the agent left, and for steps that are not yet revealed.
+        observation: The Observation before this future.
     """
 
     future: np.ndarray
@@ -194,14 +193,14 @@ class Forecast:
     Attributes:
         positions: [A, K, 12, 2] float32, in the frame of the observation. The samples of a scene's agents belong
             together: sample k of the scene is sample k of each of its agents.
-        weights: [A, K] float32 or None, how likely each sample is; None means equally likely.
+        weights: [A, K] float32 or None, likelihood of each sample; None if all are equally likely.
     """
 
     positions: np.ndarray
     weights: np.ndarray | None = None
 
     def most_likely(self) -> np.ndarray:
-        """[A, 12, 2], the sample of highest weight of each agent; the first one where there are no weights."""
+        """[A, 12, 2], the sample of highest weight of each agent; the first sample if there are no weights."""
         if self.weights is None:
             return self.positions[:, 0]
         return self.positions[np.arange(len(self.positions)), self.weights.argmax(axis=1)]
@@ -212,7 +211,7 @@ class Forecast:
 
     @staticmethod
     def join(parts: Sequence[Forecast]) -> Forecast:
-        """Forecasts of different agents one after another; weights are kept if all parts have them."""
+        """Join forecasts of different agents; weights are kept if all parts have them."""
         # Parts without agents may have any K.
         parts = [p for p in parts if len(p.positions)] or list(parts[:1])
         weights = [p.weights for p in parts if p.weights is not None]
@@ -224,7 +223,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Card:
-    """What a domain is, for tables and result files.
+    """Description of a domain, for tables and result files.
 
     Attributes:
         name: Name in the table of domains.
@@ -232,13 +231,13 @@ class Card:
         dt: Seconds per step.
         unit: Unit of positions.
         features: Names of the features of a history, in order.
-        side_channels: Those features that read the future (oracle side channels).
+        side_channels: Names of the features that read the future (oracle side channels).
         counts: For each split read so far: ``scenes`` (windows), ``agent_windows`` and ``agents`` that are scored, and
-            ``recorded_agent_windows`` and ``recorded_agents`` of the recordings they are cut from.
-        source: Where the data comes from.
+            ``recorded_agent_windows`` and ``recorded_agents`` of the recordings.
+        source: Source of the data.
         terms: Terms of use of the data.
         files: sha256 of each data file.
-        oracle: Name of the oracle predictor of this domain, if it has one.
+        oracle: Name of the oracle predictor of this domain, if there is one.
     """
 
     name: str
@@ -256,42 +255,42 @@ class Card:
 
 @runtime_checkable
 class Predictor(Protocol):
-    """Anything that turns observations into forecasts; no base class is needed.
+    """Turns observations into forecasts; no base class is needed.
 
-    Optional methods, used where they exist:
-        ``observe(truth)``: sees revealed truth, or reference scenes, after they were scored; may change state.
+    Optional methods:
+        ``observe(truth)``: observe revealed truth, or reference scenes, after they were scored; may change state.
         ``reset()``: forget everything observed since construction; called at the start of every stream and domain.
-        ``tune(scenes, validation)``: learn from a few complete scenes of the domain that is scored, a Truth, and select
-            by those of ``validation``, a Truth or None.
-        ``fit(train, validation, seed)``: learn from two sequences of Truth, one per environment; returns self.
-        ``save(path)`` and ``load(path)``: weights on disk.
-        ``fit`` with ``checkpoint``, ``resume``, ``every``, ``report``, ``device`` and ``names`` as that of
-        ``predictors/weighted.py``: can be trained by ``motion-gym train``; has ``name``, and a ``card`` then.
-        ``know(domain)``: oracles only; receives the domain itself. Whoever has it is labelled *oracle* everywhere.
+        ``tune(scenes, validation)``: learn from a few complete scenes of the scored domain, a Truth, and select by the
+            scenes of ``validation``, a Truth or None.
+        ``fit(train, validation, seed)``: learn from two sequences of Truth, one Truth per environment; returns self.
+        ``save(path)`` and ``load(path)``: write and read weights.
+        ``fit`` with ``checkpoint``, ``resume``, ``every``, ``report``, ``device`` and ``names`` as in
+        ``predictors/weighted.py``: the predictor can be trained by ``motion-gym train``, and needs ``name`` and
+        ``card``.
+        ``know(domain)``: oracles only; receives the domain. A predictor with this method is labelled *oracle*.
 
-    Optional attributes: ``fitted`` (bool), for those with ``fit``; ``fit_on_demand`` (bool), False if ``fit`` takes too
-    long to be called by an evaluation; ``selection`` (str), how the weights were selected, which every result states;
-    ``fingerprint`` (str), a digest of the weights, so that a result made with others is another result; ``trained_on``,
-    names of the domains whose windows the weights were trained on; ``weights_name``, the row of a benchmark whose
-    weights are used, where it is not the predictor's own.
+    Optional attributes: ``fitted`` (bool), for predictors with ``fit``; ``fit_on_demand`` (bool), False if ``fit`` is
+    too slow for an evaluation; ``selection`` (str), how the weights were selected, stated in every result;
+    ``fingerprint`` (str), a digest of the weights, part of the identity of a result; ``trained_on``, names of the
+    domains whose windows the weights were trained on; ``weights_name``, the row of a benchmark whose weights are used,
+    if it is not the predictor's own row.
     """
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast | np.ndarray:
         """Forecast every agent of an observation.
 
-        Pure: the same state, input and seed give the same answer; nothing is learned here, and the input is not
-        changed. A stochastic predictor draws only from ``seed``; a deterministic one may give fewer than ``samples``
-        samples (its one forecast then stands for all of them).
+        Pure: the same state, input and seed give the same answer; the method learns nothing and does not change its
+        input. A stochastic predictor draws only from ``seed``. A deterministic predictor may return one sample, which
+        stands for all samples.
 
         Args:
             observation: A agents in S scenes.
-            samples: K, the number of samples asked for.
-            seed: Source of all randomness.
+            samples: K, the number of samples.
+            seed: Seed of all randomness.
 
         Returns:
             Forecast, or its positions alone: [A, K, 12, 2] float32, in the frame of the observation.
         """
-        ...
 
 
 @runtime_checkable
@@ -300,22 +299,17 @@ class Domain(Protocol):
 
     @property
     def card(self) -> Card:
-        """What this domain is."""
-        ...
+        """Description of the domain."""
 
     @property
     def world(self) -> str:
-        """What domains have in common whose frames show the same people at the same time."""
-        ...
+        """Key that is equal for domains whose frames show the same people at the same time."""
 
     def recordings(self, split: str) -> Sequence[Recording]:
         """Recordings of a split; the stream clock replays them, and all windows are cut from them."""
-        ...
 
     def windows(self, split: str) -> Truth:
         """Every window of a split with its Observation, stacked."""
-        ...
 
     def reference(self) -> Truth:
         """Reference scenes, disjoint from ``windows("test")``; may be empty."""
-        ...

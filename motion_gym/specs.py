@@ -24,7 +24,7 @@ _PARAMETER = re.compile(
 
 
 def suggest(name: str, allowed: Iterable[str]) -> str:
-    """Sentence for an unknown name: what was probably meant, and what is allowed."""
+    """Sentence for an unknown name: the most similar name, and all allowed names."""
     allowed = sorted(allowed)
     lower = {word.lower(): word for word in allowed}
     close = difflib.get_close_matches(name.lower(), lower, n=1)
@@ -104,9 +104,9 @@ def number(
 
 def one_of(name: str, value: Any, words: Collection[str], owner: str = "") -> str:
     """The value, if it is one of the words; SpecError otherwise."""
-    if value not in words:
+    if not isinstance(value, str) or value not in words:
         raise SpecError(f"`{name}={value}`{f' of {owner}' if owner else ''} is not known.{suggest(str(value), words)}")
-    return str(value)
+    return value
 
 
 def format_spec(name: str, parameters: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""A small adapter for tests: it learns by how much forecasts are off at each step, and needs no weights."""
+"""A small adapter for tests: it learns the mean error of each step, and needs no weights."""
 
 import copy
 from collections import deque

@@ -1,4 +1,4 @@
-"""Real data for the tests, where it lies beside the checkout, and a cache of their own."""
+"""Real data for the tests, if it lies beside the checkout, and a cache for the test run."""
 
 import os
 from pathlib import Path
@@ -15,13 +15,13 @@ if "MOTION_GYM_DATA" not in os.environ and (SHARED / "data" / "eth_ucy").is_dir(
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory):
-    """Scenes are cached in a folder that goes with the test run."""
+    """Cache scenes in a folder of the test run."""
     os.environ["MOTION_GYM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
 
 
 @pytest.fixture(scope="session")
 def eth_ucy():
-    """Skip a test where ETH-UCY is not on this computer."""
+    """Skip a test if ETH-UCY is not on this computer."""
     from motion_gym.data import datasets
 
     missing = [state.file for state in datasets.verify("eth_ucy") if state.state != "ok"]

@@ -1,4 +1,4 @@
-"""A place made up for tests of streams: people walk through it all the time, and some leave soon."""
+"""A synthetic place for tests of streams: people always walk through it, and some leave soon."""
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class Street(RecordedDomain):
         self.feature_names = () if noise is None else ("noise",)
 
     def recordings(self, split):
-        """The recordings of the test split; the others are empty."""
+        """The recordings of the test split; other splits are empty."""
         self.check_split(split)
         return self.kept("walks", self._walks) if split == "test" else []
 

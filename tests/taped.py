@@ -1,4 +1,4 @@
-"""For tests of online evaluation: a tape of what was forecast and told, and what is the same of two runs."""
+"""For tests of online evaluation: a tape of forecasts and observed truths, and comparisons of two runs."""
 
 import copy
 import functools
@@ -12,7 +12,7 @@ from motion_gym.data.windows import pick_scenes
 
 
 class Tape:
-    """What was forecast and told; copies of whoever writes on it write on the same one."""
+    """Forecasts and observed truths; copies of an adapter write on the same tape."""
 
     def __init__(self):
         self.forecasts, self.told = [], []
@@ -22,7 +22,7 @@ class Tape:
 
 
 class Taped:
-    """An adapter whose forecasts, and what it is told before each, are written down."""
+    """An adapter that writes its forecasts, and the truths observed before each, on a tape."""
 
     def __init__(self, inner):
         self.inner, self.tape = inner, Tape()
@@ -65,7 +65,7 @@ def scenes_of(clock):
 
 
 def alike(card):
-    """All of a card that is the same for the same run."""
+    """The values of a card that repeat in an equal run."""
     plain = card.as_dict()
     for key in ("update_seconds", "tick_seconds", "peak_memory"):
         del plain[key]

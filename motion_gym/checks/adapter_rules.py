@@ -3,212 +3,209 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from motion_gym.checks.adapter_trials import AT_ONCE, LESSONS, AdapterTrial
-from motion_gym.checks.predictor_method_rules import COPIERS
+from motion_gym.checks.adapter_trials import LESSONS, AdapterTrial, known_up_to, moved_on
+from motion_gym.checks.predictor_method_rules import pickled_copy
 from motion_gym.checks.predictor_trials import partly_known
-from motion_gym.checks.report import CheckError, NotChecked, Rule, broken_if
-from motion_gym.contract import FUTURE, Forecast, MotionGymError, Truth
+from motion_gym.checks.report import CheckError, NotChecked, Rules, broken_if
+from motion_gym.contract import FUTURE, MotionGymError, Truth
 from motion_gym.online.evaluation import evaluate_online
 from motion_gym.stepping.harness import ask, guarded, tell
 from motion_gym.stepping.snapshot import changed, leaves, shared_arrays, snapshot
 
-FIRST, LAST = 16, 128
-"""Observations after which memory is first and last measured; it must have stopped growing by then."""
+MEASURED = (16, 32, 64, 128)
+"""Numbers of observations after which memory is measured; it must have stopped growing by the last one."""
+BATCH = 8
+"""Scenes of an observation while memory is measured."""
 COST = 0.5
-"""Seconds that an update is declared to take where the stream waits for nobody."""
+"""Declared seconds of an update in realtime."""
 
 
 def adapter(trial: AdapterTrial) -> None:
-    """It has predict, observe and reset, and is told no domain."""
+    """An adapter has predict, observe and reset, and no know."""
+    instance = trial.make()
+    missing = [method for method in ("predict", "observe", "reset") if not hasattr(instance, method)]
+    broken_if(missing, f"it has no {', '.join(missing)}: define what motion_gym.contract asks for.")
     broken_if(
-        hasattr(trial.predictor.make(), "know"),
-        "know shows it the domain, and with it the future: leave it out, and learn in observe.",
+        hasattr(instance, "know"),
+        "know gives it the domain, and with it the future: leave it out, and learn in observe.",
     )
 
 
 def given(trial: AdapterTrial) -> None:
-    """The predictor that it is put around stays as it was, whatever is observed."""
+    """The adapted predictor does not change, whatever is observed."""
     source, remedy = trial.source, "keep copy.deepcopy(of), and change that."
     if source is None:
         raise NotChecked("an instance was given: give the class to have this rule checked")
-    trial.predictor.comparable()
-    ask(source, trial.lessons.scenes[0].observation)  # what it keeps for later, it keeps now
+    trial.comparable()
+    ask(source, trial.lessons[0].observation)  # fills caches before the snapshot
     before = snapshot(source)
     adapter = trial.around(source)
-    with contextlib.suppress(MotionGymError):  # which other rules report
-        _taught(adapter, trial.lessons.scenes)
+    with contextlib.suppress(MotionGymError):  # reported by other rules
+        _taught(adapter, trial.lessons)
     touched = changed(before, snapshot(source))
-    broken_if(touched, f"it changed {', '.join(touched[:3])} of the predictor that it was put around: {remedy}")
-    own = {path: leaf for path, leaf in leaves(source) if isinstance(leaf, np.ndarray) and leaf.flags.writeable}
-    kept = [leaf for _, leaf in leaves(adapter) if isinstance(leaf, np.ndarray)]
-    common = [path for path, leaf in own.items() if any(np.may_share_memory(leaf, other) for other in kept)]
-    broken_if(common, f"it shares the memory of {', '.join(common[:3])} with the predictor it was given: {remedy}")
+    broken_if(touched, f"it changed {', '.join(touched[:3])} of the predictor that it adapts: {remedy}")
+    arrays = [leaf for _, leaf in leaves(adapter) if isinstance(leaf, np.ndarray)]
+    common = [
+        path
+        for path, leaf in leaves(source)
+        if isinstance(leaf, np.ndarray) and leaf.flags.writeable
+        if any(np.may_share_memory(leaf, array) for array in arrays)
+    ]
+    broken_if(common, f"it shares the memory of {', '.join(common[:3])} with the predictor that it adapts: {remedy}")
 
 
 def learning(trial: AdapterTrial) -> None:
-    """Predict learns nothing, also after something was observed."""
-    adapter, scenes = trial.adapter(), trial.lessons.scenes
+    """Method predict learns nothing, also after an observation."""
+    adapter, scenes = trial.comparable(), trial.lessons
     _taught(adapter, scenes[:LESSONS])
-    first, held = _asked(adapter, scenes[0]), snapshot(adapter)
+    first, before = _forecast(adapter, scenes[0]), snapshot(adapter)
     for scene in scenes:
-        _asked(adapter, scene)
-    touched = changed(held, snapshot(adapter))
-    if first != _asked(adapter, scenes[0]) or touched:
-        seen = f"predict changed {', '.join(touched[:3])}" if touched else "predict asked again answered otherwise"
+        _forecast(adapter, scene)
+    touched = changed(before, snapshot(adapter))
+    if first != _forecast(adapter, scenes[0]) or touched:
+        fault = f"predict changed {', '.join(touched[:3])}" if touched else "predict gave two answers to one question"
         raise CheckError(
-            f"after something was observed, {seen}: learn in observe alone, from truth that was told after the "
-            "forecast was scored."
+            f"after an observation, {fault}: learn in observe alone, from truth that is revealed after the forecast is "
+            "scored."
         )
 
 
 def unknown(trial: AdapterTrial) -> None:
-    """Observe takes truth that is known in part or not at all, and what is not known does not matter."""
-    known, other, scenes = trial.adapter(), trial.adapter(), trial.lessons.scenes
+    """Method observe takes partly known truth and ignores unknown steps."""
+    adapter, other, scenes = trial.comparable(), trial.comparable(), trial.lessons
     for number, scene in enumerate(scenes):
-        before = _asked(known, scenes[0])
-        for part in _parts(scene, number):
-            tell(known, part)
+        before = _forecast(adapter, scenes[0])
+        parts = [partly_known(scene), *(known_up_to(scene, step) for step in (0, 1, 5, FUTURE))]
+        for part in parts[number % 2 :: 2]:
+            tell(adapter, part)
             noise = np.random.default_rng(number).normal(0, 9, part.future.shape).astype(np.float32)
             tell(other, dataclasses.replace(part, future=np.where(part.known[..., None], part.future, noise)))
-            after = _asked(known, scenes[0])
+            after = _forecast(adapter, scenes[0])
             broken_if(
-                after != _asked(other, scenes[0]),
-                "what stands where truth.known is False changes forecasts: leave these steps out.",
+                after != _forecast(other, scenes[0]),
+                "values where truth.known is False change forecasts: leave these steps out.",
             )
             broken_if(
                 not part.known.any() and after != before,
-                "a truth of which nothing is known changed forecasts: learn nothing from it.",
+                "a truth without a known step changed forecasts: learn nothing from it.",
             )
             before = after
 
 
 def order(trial: AdapterTrial) -> None:
-    """A forecast does not depend on truth that is told after it."""
-    scenes = trial.lessons.scenes
-    first = _taught(trial.adapter(), scenes)
+    """A forecast does not depend on truth that is observed after it."""
+    scenes = trial.lessons
+    first = _taught(trial.comparable(), scenes)
     for cut in (0, len(scenes) // 2):
-        second = _taught(trial.adapter(), [*scenes[:cut], *(_moved_on(s, cut) for s in scenes[cut:])])
+        second = _taught(trial.comparable(), [*scenes[:cut], *(moved_on(s, cut) for s in scenes[cut:])])
         broken_if(
             first[: cut + 1] != second[: cut + 1],
-            f"with another truth of scene {cut} and those after it, forecasts that were made before it was told "
-            "are others: know nothing but by observe, and keep what was observed in the object, not in its class.",
+            f"with another truth of scene {cut} and later scenes, forecasts made before its observation differ: learn "
+            "in observe alone, and keep what is learned in the object, not in its class.",
         )
 
 
 def restart(trial: AdapterTrial) -> None:
-    """Reset brings back the state of the start, bit by bit."""
-    adapter, scenes = trial.adapter(), trial.lessons.scenes
-    _asked(adapter, scenes[0])  # what it keeps for later, it keeps now
-    begun = snapshot(adapter)
+    """Method reset restores the initial state, bit by bit."""
+    adapter, scenes = trial.comparable(), trial.lessons
+    _forecast(adapter, scenes[0])  # fills caches before the snapshot
+    before = snapshot(adapter)
     first = _taught(adapter, scenes)
     guarded(adapter, "reset")
-    _asked(adapter, scenes[0])
-    restarted = snapshot(adapter)
-    touched = sorted(path for path in begun.keys() | restarted.keys() if begun.get(path) != restarted.get(path))
+    _forecast(adapter, scenes[0])
+    after = snapshot(adapter)
+    touched = sorted(path for path in before.keys() | after.keys() if before.get(path) != after.get(path))
     broken_if(
         touched,
-        f"after reset, {', '.join(touched[:3])} {'are' if len(touched) > 1 else 'is'} not as at the start: bring "
-        "back weights, states, counts and the optimiser, best by a copy that was made in the constructor.",
+        f"after reset, {', '.join(touched[:3])} {'are' if len(touched) > 1 else 'is'} not as at the start: restore "
+        "weights, states, counts and the optimiser, best from a copy made in the constructor.",
     )
     broken_if(
         _taught(adapter, scenes) != first,
-        "after reset, the same scenes gave other forecasts: draw from a seed that reset brings back.",
+        "after reset, the same scenes gave other forecasts: draw from a seed that reset restores.",
     )
 
 
 def twins(trial: AdapterTrial) -> None:
-    """A copy or a pickle made midway goes on alike, and learns by itself."""
-    scenes = trial.lessons.scenes
-    half, rest = scenes[:LESSONS], scenes[LESSONS:] or scenes
-    adapter = trial.adapter()
+    """A copy or a pickle made midway learns in the same way, and independently."""
+    half, rest = trial.lessons[:LESSONS], trial.lessons[LESSONS:] or trial.lessons
+    adapter = trial.comparable()
     _taught(adapter, half)
     forecasts = {}
-    for how, copied in COPIERS.items():
+    for name, copier in (("copy", copy.deepcopy), ("pickle", pickled_copy)):
         try:
-            twin = copied(adapter)
+            twin = copier(adapter)
         except Exception as error:
-            raise CheckError(f"a {how} made midway raised {type(error).__name__}: {error}.") from error
+            raise CheckError(f"a {name} made midway raised {type(error).__name__}: {error}.") from error
         common = shared_arrays(adapter, twin)
-        before = [_asked(adapter, scene) for scene in rest]
-        forecasts[how] = _taught(twin, rest)
-        if common or before != [_asked(adapter, scene) for scene in rest]:
-            which = f" ({', '.join(common[:3])})" if common else ""
-            raise CheckError(f"what a {how} made midway observes changes the original{which}: copy arrays too.")
+        before = [_forecast(adapter, scene) for scene in rest]
+        forecasts[name] = _taught(twin, rest)
+        if common or before != [_forecast(adapter, scene) for scene in rest]:
+            arrays = f" ({', '.join(common[:3])})" if common else ""
+            raise CheckError(f"observations of a {name} made midway change the original{arrays}: copy arrays too.")
     own = _taught(adapter, rest)
-    for how, answers in forecasts.items():
-        broken_if(answers != own, f"a {how} made midway, taught the same, forecasts otherwise: carry all state over.")
+    for name, answers in forecasts.items():
+        broken_if(
+            answers != own, f"a {name} made midway forecasts differently after the same scenes: copy the whole state."
+        )
 
 
 def memory(trial: AdapterTrial) -> None:
-    """What it holds does not grow without end."""
-    adapter, before, least, after, most = trial.adapter(), 0, 0, 0, 0
-    for number in range(1, LAST + 1):
-        tell(adapter, trial.lessons.like(AT_ONCE, number))
-        if number >= FIRST and number & (number - 1) == 0:  # powers of two
-            _asked(adapter, trial.lessons.scenes[0])
-            before, least, after, most = after, most, number * AT_ONCE, _bytes(adapter)
-            if before and most <= least:
+    """The state does not grow without bound."""
+    adapter, sizes = trial.comparable(), [0]
+    for number in range(1, MEASURED[-1] + 1):
+        tell(adapter, trial.like(BATCH, number))
+        if number in MEASURED:
+            _forecast(adapter, trial.lessons[0])
+            sizes.append(_size(adapter))
+            if number > MEASURED[0] and sizes[-1] <= sizes[-2]:
                 return
     raise CheckError(
-        f"it holds {least:,} bytes after {before} scenes, and {most:,} after {after}: keep a number of scenes that is "
-        "fixed, at most some hundred, as in collections.deque(maxlen=64)."
+        f"it holds {sizes[-2]:,} bytes after {MEASURED[-2] * BATCH} scenes, and {sizes[-1]:,} after "
+        f"{MEASURED[-1] * BATCH}: keep a fixed number of scenes, at most some hundred, as in "
+        "collections.deque(maxlen=64)."
     )
 
 
 def online(trial: AdapterTrial) -> None:
-    """evaluate_online runs with it, also with a copy for each agent, and gives the same again."""
-    played, adapter = trial.lessons.stream, trial.adapter()
-    evaluate_online(adapter, played, labels="stepwise", scope="agent")
-    one, two = (evaluate_online(adapter, played, scope="place", realtime=True, cost=COST) for _ in range(2))
+    """Function evaluate_online runs with it, also with a copy for each agent, and its scores repeat."""
+    adapter, stream = trial.comparable(), trial.stream
+    evaluate_online(adapter, stream, labels="stepwise", scope="agent")
+    first, again = (evaluate_online(adapter, stream, scope="place", realtime=True, cost=COST) for _ in range(2))
     broken_if(
-        not np.array_equal(one.values, two.values),
-        "on the same stream, with the same cost of updates, scores differ: leave clocks alone.",
+        not np.array_equal(first.values, again.values),
+        "on the same stream, with the same cost of updates, scores differ: do not read clocks.",
     )
 
 
-ADAPTER_METHODS = ("predict", "observe", "reset")
-ADAPTER_RULES: Mapping[str, Rule] = MappingProxyType(
-    {rule.__name__: rule for rule in (adapter, given, learning, unknown, order, restart, twins, memory, online)}
-)
-
-
-def _parts(scene: Truth, number: int) -> list[Truth]:
-    """A truth of which nothing, a part of some agents, or ever more is known."""
-    steps = np.arange(FUTURE)
-    upto = [dataclasses.replace(scene, known=scene.known & (steps < n)) for n in (0, 1, 5, FUTURE)]
-    return [partly_known(scene), *upto][number % 2 :: 2]
+ADAPTER_RULES: Rules = {
+    rule.__name__: rule for rule in (adapter, given, learning, unknown, order, restart, twins, memory, online)
+}
 
 
 def _taught(adapter: Any, scenes: Sequence[Truth]) -> list[bytes]:
-    """The forecast of each scene, before its truth was told."""
+    """The forecast of each scene, made before its truth is observed."""
     forecasts = []
     for scene in scenes:
-        forecasts.append(_asked(adapter, scene))
+        forecasts.append(_forecast(adapter, scene))
         tell(adapter, scene)
     return forecasts
 
 
-def _asked(adapter: Any, scene: Truth) -> bytes:
-    """All bits of a forecast."""
-    forecast: Forecast = ask(adapter, scene.observation)
-    weights = b"" if forecast.weights is None else forecast.weights.tobytes()
-    return forecast.positions.tobytes() + weights
+def _forecast(adapter: Any, scene: Truth) -> bytes:
+    """All bits of the forecast of a scene."""
+    forecast = ask(adapter, scene.observation)
+    return forecast.positions.tobytes() + (b"" if forecast.weights is None else forecast.weights.tobytes())
 
 
-def _bytes(thing: Any) -> int:
-    """What an object holds; of what is no array, the number of things."""
-    held = (leaf for _, leaf in leaves(thing))
-    return sum(len(x) if isinstance(x, (str, bytes)) else x.nbytes if isinstance(x, np.ndarray) else 8 for x in held)
-
-
-def _moved_on(scene: Truth, seed: int) -> Truth:
-    """The same history with another future."""
-    noise = np.random.default_rng(seed).normal(0, 1, scene.future.shape).cumsum(axis=1).astype(np.float32)
-    return dataclasses.replace(scene, future=scene.future + noise * scene.known[..., None])
+def _size(thing: Any) -> int:
+    """Bytes of the arrays and texts in an object, and 8 for each further leaf."""
+    values = (leaf for _, leaf in leaves(thing))
+    return sum(len(x) if isinstance(x, (str, bytes)) else x.nbytes if isinstance(x, np.ndarray) else 8 for x in values)

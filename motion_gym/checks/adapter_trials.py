@@ -1,11 +1,11 @@
-"""What an adapter is tried on: scenes to learn from and a short stream, and the trial that its rules take."""
+"""The trial that the rules of adapters take: scenes to learn from, and a short stream."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,35 +17,18 @@ from motion_gym.data.windows import Tracks, pick_scenes
 from motion_gym.online.streams import Segment, Stream
 
 LESSONS = 4
-"""Scenes that most rules let an adapter observe, one by one."""
-AT_ONCE = 8
-"""Scenes of an observation where memory is measured."""
+"""Number of scenes that most rules let an adapter observe, one by one."""
 FRAMES, VISITS = 24, 2
-"""Listed frames for which two people of a synthetic stream walk, and how many such pairs there are."""
+"""Listed frames for which a pair of people of a synthetic stream walks, and number of pairs."""
 SEGMENT = 4 * WINDOW
-"""Most frames of a segment of a short stream."""
-
-
-@dataclass(frozen=True)
-class Lessons:
-    """What an adapter is tried on.
-
-    Attributes:
-        scenes: Scenes of which all is known, each a Truth, to be forecast and then told.
-        like: Scenes of the same number of agents, without end: makes so many of them, from a seed.
-        stream: A short stream.
-    """
-
-    scenes: Sequence[Truth]
-    like: Callable[[int, int], Truth]
-    stream: Stream
+"""Most frames of a segment of the stream."""
 
 
 class Walkers(RecordedDomain):
     """People who walk in pairs, one pair after another, so that many forecasts of each are outstanding together.
 
     Args:
-        further: Features besides x and y; they are constant.
+        further: Number of features besides x and y; they are constant.
     """
 
     name = "walkers"
@@ -55,7 +38,7 @@ class Walkers(RecordedDomain):
         self.feature_names = tuple(f"feature{number}" for number in range(further))
 
     def recordings(self, split: str) -> list[Recording]:
-        """One recording."""
+        """One recording, the same for every split."""
         rng = np.random.default_rng(0)
         turn = rng.uniform(0, 2 * np.pi, (VISITS, 1, 2)) + rng.normal(0, 0.1, (VISITS, FRAMES, 2)).cumsum(axis=1)
         xy = np.stack([np.cos(turn), np.sin(turn)], axis=-1).cumsum(axis=1) * 0.4 + rng.normal(size=(VISITS, 1, 2, 2))
@@ -68,78 +51,76 @@ class Walkers(RecordedDomain):
         return np.ones((*history.shape[:2], self.further))
 
 
-def synthetic_lessons(features: int, sizes: Sequence[int]) -> Lessons:
-    """Scenes that need no data.
+class AdapterTrial(PredictorTrial):
+    """An adapter, and the scenes and the stream that the rules let it learn from.
 
     Args:
-        features: F.
-        sizes: Agents of scenes that the predictor takes; these again and again.
-    """
-    scenes = synthetic([sizes[i % len(sizes)] for i in range(2 * LESSONS)], features, 1)
-    return Lessons(
-        _each(scenes),
-        lambda number, seed: synthetic([2] * number, features, seed),
-        _whole(Walkers(features - 2)),
-    )
-
-
-def domain_lessons(domain: Any) -> Lessons:
-    """The first test windows of a domain, and two parts of its test stream."""
-    test = domain.windows("test")
-    scenes = np.arange(min(test.observation.scenes, 2 * LESSONS))
-    sizes = np.diff(test.observation.scene)
-    alike = np.flatnonzero(sizes == np.bincount(sizes).argmax())
-
-    def like(number: int, seed: int) -> Truth:
-        chosen = np.random.default_rng(seed).choice(alike, number)
-        return _moved(pick_scenes(test, chosen), seed)
-
-    return Lessons(_each(pick_scenes(test, scenes)), like, _whole(domain))
-
-
-class AdapterTrial:
-    """An adapter with the scenes that its rules teach it.
-
-    Args:
-        predictor: Trial of the adapter as a predictor.
-        lessons: Scenes and a stream.
-        source: The predictor that the adapter is put around; None where an instance is checked.
-        around: Puts the adapter around a predictor.
+        make: Makes a copy of the adapter that has observed nothing.
+        domain: Domain that gives scenes and stream; None for synthetic ones.
+        source: Predictor that the adapter adapts; None if an instance of the adapter is checked.
+        around: Makes an adapter around a predictor.
     """
 
-    def __init__(self, predictor: PredictorTrial, lessons: Lessons, source: Any, around: Callable[[Any], Any]):
-        self.predictor, self.lessons, self.source, self.around = predictor, lessons, source, around
+    def __init__(
+        self,
+        make: Callable[[], Any],
+        domain: Any = None,
+        source: Any = None,
+        around: Callable[[Any], Any] = lambda of: of,
+    ):
+        super().__init__(make, domain)
+        self.source, self.around = source, around
 
-    def adapter(self) -> Any:
-        """A copy of the adapter that has observed nothing; NotChecked if its forecasts cannot be compared."""
-        self.predictor.comparable()
-        return self.predictor.make()
+    @functools.cached_property
+    def lessons(self) -> list[Truth]:
+        """Complete scenes, each to be forecast and then observed."""
+        if self.domain is None:
+            sizes = itertools.cycle(np.diff(self._observation.scene).tolist())
+            truth = synthetic(list(itertools.islice(sizes, 2 * LESSONS)), self._observation.history.shape[2], 1)
+        else:
+            truth = pick_scenes(self.domain.windows("test"), slice(0, 2 * LESSONS))
+        return [pick_scenes(truth, [scene]) for scene in range(truth.observation.scenes)]
+
+    def like(self, number: int, seed: int) -> Truth:
+        """Complete scenes, all with the same number of agents; every seed gives different scenes."""
+        if self.domain is None:
+            return synthetic([2] * number, self._observation.history.shape[2], seed)
+        test, rng = self.domain.windows("test"), np.random.default_rng(seed)
+        sizes = np.diff(test.observation.scene)
+        truth = pick_scenes(test, rng.choice(np.flatnonzero(sizes == np.bincount(sizes).argmax()), number))
+        shift = np.random.default_rng(seed).normal(0, 1, 2).astype(np.float32)
+        history = truth.observation.history.copy()
+        history[..., :2] += shift
+        future = np.where(truth.known[..., None], truth.future + shift, truth.future)
+        return Truth(future, truth.known, dataclasses.replace(truth.observation, history=history))
+
+    @functools.cached_property
+    def stream(self) -> Stream:
+        """Two short segments of the test split; the first one starts with the first complete window."""
+        domain = Walkers(self._observation.history.shape[2] - 2) if self.domain is None else self.domain
+        first, frames = None, 0
+        for recording in domain.recordings("test"):
+            tracks = Tracks.of(recording)
+            ticks = tracks.tick[tracks.complete()]
+            if first is None and len(ticks):
+                first = frames + int(ticks.min()) - HISTORY + 1
+            frames += tracks.ticks
+        start = (first or 0) // WINDOW * WINDOW
+        half = max(min((frames - start) // 2, SEGMENT), min(frames - start, 2 * WINDOW))
+        ends = (start, start + half, min(start + 2 * half, frames))
+        return Stream([Segment(domain, *pair) for pair in itertools.pairwise(ends) if pair[0] < pair[1]])
+
+    @property
+    def _observation(self) -> Any:
+        return self.scenes.truth.observation
 
 
-def _each(truth: Truth) -> list[Truth]:
-    return [pick_scenes(truth, [scene]) for scene in range(truth.observation.scenes)]
+def moved_on(scene: Truth, seed: int) -> Truth:
+    """The same history with a different future."""
+    noise = np.random.default_rng(seed).normal(0, 1, scene.future.shape).cumsum(axis=1).astype(np.float32)
+    return dataclasses.replace(scene, future=scene.future + noise * scene.known[..., None])
 
 
-def _moved(truth: Truth, seed: int) -> Truth:
-    """The same scenes elsewhere."""
-    shift = np.random.default_rng(seed).normal(0, 1, 2).astype(np.float32)
-    seen = truth.observation
-    history = seen.history.copy()
-    history[..., :2] += shift
-    future = np.where(truth.known[..., None], truth.future + shift, truth.future)
-    return Truth(future, truth.known, dataclasses.replace(seen, history=history))
-
-
-def _whole(domain: Any) -> Stream:
-    """Two segments of a domain's test split; the first one from where there is the first whole window."""
-    first, frames = None, 0
-    for recording in domain.recordings("test"):
-        tracks = Tracks.of(recording)
-        ticks = tracks.tick[(tracks.age >= HISTORY - 1) & (tracks.left >= FUTURE)]
-        if first is None and len(ticks):
-            first = frames + int(ticks.min()) - HISTORY + 1
-        frames += tracks.ticks
-    start = (first or 0) // WINDOW * WINDOW
-    half = max(min((frames - start) // 2, SEGMENT), min(frames - start, 2 * WINDOW))
-    ends = (start, start + half, min(start + 2 * half, frames))
-    return Stream([Segment(domain, *pair) for pair in itertools.pairwise(ends) if pair[0] < pair[1]])
+def known_up_to(scene: Truth, step: int) -> Truth:
+    """The same truth, known up to a step."""
+    return dataclasses.replace(scene, known=scene.known & (np.arange(FUTURE) < step))

@@ -1,4 +1,4 @@
-"""The second world of the leak probe: a copy of a domain whose data differs after a chosen time."""
+"""The changed data of the leak probe: a copy of a domain whose recordings differ after a chosen time."""
 
 from __future__ import annotations
 
@@ -15,52 +15,51 @@ from motion_gym.data.windows import Tracks
 METRES = 5.0
 """Standard deviation of the noise on each coordinate."""
 LEAVE, LOSE = 0.3, 0.5
-"""Shares of the people who never appear again, and of those who are lost for two frames of every 12."""
+"""Shares of people who never appear again, and of people who are lost for two frames of every 12."""
 SKIP = 0.1
-"""Share of the frames that disappear."""
+"""Share of frames that disappear."""
 NEWCOMERS, NEW_FRAMES = 3, 16
 LATEST = 2000
-"""Steps of an episode within which the changes begin: an episode is played from its start, as states need."""
+"""Steps of an episode within which the changes begin; every play starts at the first step."""
 
 
 class Stage:
-    """A copy of a domain whose recordings can be changed while others hold the copy.
+    """A copy of a domain whose recordings can be changed while a predictor or an environment holds the copy.
 
-    The copy answers ``recordings`` of the split from data that is kept here; the library cuts all windows from it.
-    What ``recordings`` does with its files before is not changed. Time counts listed frames over all recordings of the
-    split.
+    Method ``recordings`` of the copy returns the recordings that are stored here. Time counts listed frames over all
+    recordings of the split.
 
     Args:
         domain: The domain; it is not changed.
         clock: ``stream`` or ``windows``. On the stream clock presence is changed too.
-        split: The split that is played, the only one that is changed.
-        seed: Source of the changes.
+        split: The split that is played; other splits are not changed.
+        seed: Seed of the changes.
 
     Attributes:
         domain: The copy.
-        unprobed: What cannot be probed, and why.
+        unprobed: Parts that cannot be probed, and why.
 
     Raises:
-        SpecError: the split has nobody to observe.
+        SpecError: The split has no agent to observe.
     """
 
     def __init__(self, domain: Domain, clock: str, split: str, seed: int):
         self.clock, self.split, self.seed = clock, split, seed
         self.domain: Any = copy.copy(domain)
-        domain.windows(split)  # side effects of reading come now, and an unknown split is named
-        self._given = list(domain.recordings(split))
-        self._frames = [np.unique(recording.frame) for recording in self._given]
+        domain.windows(split)  # fills the caches of the original, and refuses an unknown split
+        self._original = list(domain.recordings(split))
+        self._frames = [np.unique(recording.frame) for recording in self._original]
         self.unprobed: list[str] = []
         self.change(None)
         self._windows = self.domain.windows(split).observation.time if clock == "windows" else None
-        times = _observed(self._given) if self._windows is None else self._windows
+        times = _observed(self._original) if self._windows is None else self._windows
         # After the last frame there is nothing to change.
         self._candidates = np.unique(times[times < sum(map(len, self._frames)) - 1])
         if not len(self._candidates):
-            raise SpecError(f"Split `{split}` of {domain!r} has nobody to observe: nothing to probe.")
+            raise SpecError(f"Split `{split}` of {domain!r} has no agent to observe: there is nothing to probe.")
 
     def cuts(self, number: int) -> list[int]:
-        """Times at which somebody is observed, one drawn in each of as many equal parts of the first 2000 steps."""
+        """Times with an observation, one drawn in each of ``number`` equal parts of the first 2000 steps."""
         parts = (np.arange(number) + np.random.default_rng(self.seed).random(number)) / number
         times = self._candidates[:LATEST]
         if len(self._candidates) > LATEST:
@@ -68,34 +67,34 @@ class Stage:
         return sorted({int(t) for t in times[(parts * len(times)).astype(int)]})
 
     def change(self, cut: int | None) -> None:
-        """Change all data of the copy after a time; None brings back the data of the original."""
-        recordings, original = self._given if cut is None else self._changed(cut), type(self.domain).recordings
+        """Change all data of the copy after a time; None restores the original data."""
+        recordings, original = self._original if cut is None else self._changed(cut), type(self.domain).recordings
         vars(self.domain).pop("_made_once", None)
         vars(self.domain)["recordings"] = lambda split: (
             copy.deepcopy(recordings) if split == self.split else original(self.domain, split)
         )
 
     def time(self, env: Any) -> int:
-        """Time of what is observed now: that of the frame, or of the window; after the last window none is."""
+        """Time of the current frame or window; after the last window, the number of frames."""
         if self._windows is None:
             return int(env.clock.time)
         number = int(env.clock.time)
         return int(self._windows[number]) if number < len(self._windows) else sum(map(len, self._frames))
 
     def _changed(self, cut: int) -> list[Recording]:
-        """The recordings with another future after a time."""
+        """The recordings with a different future after a time."""
         starts = np.cumsum([0] + [len(frames) for frames in self._frames])
         place = int(np.searchsorted(starts, cut, side="right")) - 1
         frame, rng = self._frames[place][cut - starts[place]], np.random.default_rng([self.seed, cut])
-        others = list(self._given[:place])
-        for index, recording in enumerate(self._given[place:], place):
+        others = list(self._original[:place])
+        for index, recording in enumerate(self._original[place:], place):
             after = (recording.frame > frame) | (index > place)
             others.append(_other_future(recording, after, self.clock == "stream", rng))
         return others
 
 
 def _observed(recordings: Sequence[Recording]) -> np.ndarray:
-    """Times at which somebody has 8 observed steps."""
+    """Times at which an agent has 8 observed steps."""
     parts, start = [np.zeros(0, np.int64)], 0
     for recording in recordings:
         tracks = Tracks.of(recording)
@@ -105,7 +104,7 @@ def _observed(recordings: Sequence[Recording]) -> np.ndarray:
 
 
 def _other_future(recording: Recording, after: np.ndarray, presence: bool, rng: np.random.Generator) -> Recording:
-    """Move the rows ``after`` [R]; with ``presence``, also take away and add people and frames among them."""
+    """Move the rows ``after`` [R]; with ``presence``, also remove and add people and frames among them."""
     frame, agent, xy = recording.frame, recording.agent, recording.xy
     xy = np.where(after[:, None], xy + rng.normal(0, METRES, xy.shape), xy)
     if not presence:
@@ -120,7 +119,7 @@ def _other_future(recording: Recording, after: np.ndarray, presence: bool, rng: 
     later = frames[np.isin(frames, frame[after]) & ~skipped]
     step = int(np.diff(frames).min(initial=max(1, int(frames[-1] - frames[0]))))
     later = np.concatenate([later, frames[-1] + step * np.arange(1, NEW_FRAMES + 1)])
-    # The lowest free ids come first: a number that counts everybody, those to come included, then changes.
+    # The lowest free ids come first, which changes every number that counts agents of the future, too.
     new = np.setdiff1d(np.arange(ids[-1] + 1 + NEWCOMERS), ids)[:NEWCOMERS]
     walks = xy.mean(axis=0) + rng.normal(0, METRES, (len(later) * len(new), 2))
     frame = np.concatenate([frame[keep], np.repeat(later, len(new))])

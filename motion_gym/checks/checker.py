@@ -1,38 +1,32 @@
-"""Check a predictor, an adapter or a domain against every rule of its contract, and report all findings at once.
+"""Check a predictor, an adapter or a domain against every rule of its contract, and report all broken rules at once.
 
 ``check_predictor``, ``check_adapter`` and ``check_domain`` raise; ``run_checks`` returns a report.
 """
 
 from __future__ import annotations
 
-import copy
+import functools
 import inspect
-from collections.abc import Collection, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-import numpy as np
-
 from motion_gym import catalog
-from motion_gym.checks.adapter_rules import ADAPTER_METHODS, ADAPTER_RULES
-from motion_gym.checks.adapter_trials import AdapterTrial, domain_lessons, synthetic_lessons
+from motion_gym.checks.adapter_rules import ADAPTER_RULES
+from motion_gym.checks.adapter_trials import AdapterTrial
 from motion_gym.checks.domain_rules import DOMAIN_RULES, DomainTrial
 from motion_gym.checks.predictor_method_rules import PREDICTOR_RULES
 from motion_gym.checks.predictor_trials import PredictorTrial
-from motion_gym.checks.report import CheckReport, Outcome, Rules, check_selection, describe, run_rules
+from motion_gym.checks.report import CheckReport, Outcome, Rules, run_rules
 from motion_gym.contract import Domain, MotionGymError, Predictor, PredictorError, SpecError
-from motion_gym.stepping.harness import name_of
+from motion_gym.stepping.harness import copied, name_of
 
-KINDS: Mapping[str, Rules] = MappingProxyType(
-    {
-        "predictor": PREDICTOR_RULES,
-        "adapter": MappingProxyType({**PREDICTOR_RULES, **ADAPTER_RULES}),
-        "domain": DOMAIN_RULES,
-    }
-)
-NO_SKIPS: Mapping[str, str] = MappingProxyType({})
+KINDS: Mapping[str, Rules] = {
+    "predictor": PREDICTOR_RULES,
+    "adapter": {**PREDICTOR_RULES, **ADAPTER_RULES},
+    "domain": DOMAIN_RULES,
+}
 PREDICTOR = "modular_invariant"
-"""The predictor that an adapter is put around if none is named."""
+"""The predictor that is adapted if none is named."""
 
 
 def rules(kind: str) -> dict[str, str]:
@@ -46,36 +40,34 @@ def rules(kind: str) -> dict[str, str]:
     """
     if kind not in KINDS:
         raise SpecError(f"There are no rules for a `{kind}`.{catalog.suggest(str(kind), KINDS)}")
-    return describe(KINDS[kind])
+    return {name: (rule.__doc__ or "").partition("\n")[0].rstrip(".") for name, rule in KINDS[kind].items()}
 
 
 def check_predictor(
     predictor: str | type | Predictor,
     domain: str | Domain | None = None,
     *,
-    skip: Mapping[str, str] = NO_SKIPS,
+    skip: Mapping[str, str] | None = None,
     only: Collection[str] = (),
 ) -> None:
-    """Hold a predictor to every rule of the contract, on small synthetic scenes that need no data.
+    """Check a predictor against every rule of the contract, on small synthetic scenes that need no data.
 
     The predictor is not changed: the rules work on copies. A predictor that has ``fit`` and whose ``fitted`` is not
-    True is fitted to a small synthetic training set. One that refuses histories of x and y alone by a PredictorError
-    is given a third feature, and one that refuses scenes of 1, 2 and 5 agents is given pairs.
+    True is fitted to a small synthetic training set. A predictor that refuses histories of x and y alone by a
+    PredictorError gets a third feature, and a predictor that refuses scenes of 1, 2 and 5 agents gets pairs.
 
     Args:
         predictor: A name, a spec, ``"module:Class"``, a class or an instance.
-        domain: Domain to take the scenes from instead; needed for an oracle, and for a predictor that is made for
-            particular scenes.
+        domain: Domain that gives the scenes instead; needed for an oracle, and for a predictor made for particular
+            scenes.
         skip: Rules to leave out, each with its reason; see ``motion_gym.checks.rules``.
         only: Rules to run; empty for all.
 
     Raises:
-        PredictorError: it breaks rules; all of them are listed.
-        SpecError: there is no such predictor, domain or rule.
+        PredictorError: The predictor breaks rules, all of which are listed, or cannot be copied.
+        SpecError: There is no such predictor, domain or rule.
     """
-    report = run_checks(predictor, "predictor", domain=domain, skip=skip, only=only)
-    if not report.ok:
-        raise PredictorError(str(report))
+    run_checks(predictor, "predictor", domain=domain, skip=skip, only=only).require_ok()
 
 
 def check_adapter(
@@ -83,35 +75,33 @@ def check_adapter(
     of: str | type | Predictor = PREDICTOR,
     domain: str | Domain | None = None,
     *,
-    skip: Mapping[str, str] = NO_SKIPS,
+    skip: Mapping[str, str] | None = None,
     only: Collection[str] = (),
 ) -> None:
-    """Hold an adapter to every rule of a predictor and of an adapter, on small synthetic scenes that need no data.
+    """Check an adapter against every rule of a predictor and of an adapter, on small synthetic scenes.
 
     Neither the adapter nor the predictor is changed: the rules work on copies.
 
     Args:
         adapter: A name, a spec, ``"module:Class"`` or a class of adapters, whose constructor takes ``of``; or an
-            instance that has observed nothing yet, whose inner predictor is then not looked at.
-        of: The predictor to put it around: a name, a spec, ``"module:Class"``, a class or an instance. One that must
-            be fitted is fitted to a small training set.
-        domain: Domain to take the scenes from instead.
+            instance that has observed nothing yet, whose inner predictor is not checked.
+        of: The predictor to adapt: a name, a spec, ``"module:Class"``, a class or an instance. It is fitted to a small
+            training set if it must be fitted.
+        domain: Domain that gives the scenes instead.
         skip: Rules to leave out, each with its reason.
         only: Rules to run; empty for all.
 
     Raises:
-        PredictorError: it breaks rules, all of which are listed; or it cannot be put around this predictor.
-        SpecError: there is no such adapter, predictor, domain or rule.
+        PredictorError: The adapter breaks rules, all of which are listed; or it cannot adapt this predictor.
+        SpecError: There is no such adapter, predictor, domain or rule.
     """
-    report = run_checks(adapter, "adapter", of=of, domain=domain, skip=skip, only=only)
-    if not report.ok:
-        raise PredictorError(str(report))
+    run_checks(adapter, "adapter", of=of, domain=domain, skip=skip, only=only).require_ok()
 
 
 def check_domain(
-    domain: str | type | Domain, *, skip: Mapping[str, str] = NO_SKIPS, only: Collection[str] = ()
+    domain: str | type | Domain, *, skip: Mapping[str, str] | None = None, only: Collection[str] = ()
 ) -> None:
-    """Hold a domain to every rule of the contract.
+    """Check a domain against every rule of the contract.
 
     Args:
         domain: A name, a spec, ``"module:Class"``, a class or an instance.
@@ -119,12 +109,10 @@ def check_domain(
         only: Rules to run; empty for all.
 
     Raises:
-        SpecError: it breaks rules, all of which are listed; or there is no such domain or rule.
-        DataError: its data is missing or damaged.
+        SpecError: The domain breaks rules, all of which are listed; or there is no such domain or rule.
+        DataError: Its data is missing or damaged.
     """
-    report = run_checks(domain, "domain", skip=skip, only=only)
-    if not report.ok:
-        raise SpecError(str(report))
+    run_checks(domain, "domain", skip=skip, only=only).require_ok()
 
 
 def run_checks(
@@ -133,91 +121,70 @@ def run_checks(
     *,
     domain: str | Domain | None = None,
     of: Any = PREDICTOR,
-    skip: Mapping[str, str] = NO_SKIPS,
+    skip: Mapping[str, str] | None = None,
     only: Collection[str] = (),
 ) -> CheckReport:
-    """Run the rules of a kind on a thing; arguments as for ``check_predictor``, ``check_adapter``, ``check_domain``.
+    """Run the rules of a kind; arguments as for ``check_predictor``, ``check_adapter`` and ``check_domain``.
 
     Returns:
         The report; ``str`` of it names every broken, skipped and unchecked rule.
+
+    Raises:
+        SpecError: There is no such kind, predictor, adapter, domain or rule.
+        PredictorError: A predictor cannot be copied, or the predictor to adapt cannot forecast the scenes.
+        DataError: Data is missing or damaged.
     """
     rules(kind)
-    check_selection(KINDS[kind], skip, only)
-    first, needed = {
-        "predictor": ("predict", ("predict",)),
-        "adapter": ("adapter", ADAPTER_METHODS),
-        "domain": ("members", ()),
-    }[kind]
-    missing = [name for name in needed if not isinstance(thing, str) and not hasattr(thing, name)]
-    if missing:
-        problem = Outcome(first, "broken", f"it has no {', '.join(missing)}: define what motion_gym.contract asks for.")
-        return CheckReport(_title(thing), kind, (problem,))
     place = None if domain is None else catalog.domain(domain)
-    if kind == "predictor":
-        outcomes = _predictor_outcomes(thing, place, skip, only)
-    elif kind == "adapter":
-        outcomes = _adapter_outcomes(thing, of, place, skip, only)
-    else:
-        try:
+    source = _source(of if isinstance(thing, (str, type)) else thing, place) if kind == "adapter" else None
+    trial: Any
+    try:
+        if kind == "domain":
             trial = DomainTrial(catalog.domain(thing))
-        except SpecError as error:
-            if isinstance(thing, str):
-                raise
-            return CheckReport(_title(thing), kind, (Outcome(first, "broken", str(error)),))
-        outcomes = run_rules({"members": DOMAIN_RULES["members"]}, trial, skip, only)
-        if not any(outcome.status == "broken" for outcome in outcomes):
-            others = {name: rule for name, rule in DOMAIN_RULES.items() if name != "members"}
-            outcomes += run_rules(others, trial, skip, only)
-    return CheckReport(_title(thing), kind, tuple(outcomes))
+        elif kind == "predictor":
+            trial = PredictorTrial(_maker(thing), place)
+        else:
+            trial = _adapter_trial(thing, source, place)
+    except SpecError as error:
+        if isinstance(thing, str):
+            raise
+        first = {"predictor": "predict", "adapter": "adapter", "domain": "members"}[kind]
+        return CheckReport(_title(thing), kind, (Outcome(first, "broken", str(error)),))
+    return CheckReport(_title(thing), kind, run_rules(KINDS[kind], trial, skip or {}, only))
 
 
-def _predictor_outcomes(
-    predictor: Any, place: Domain | None, skip: Mapping[str, str], only: Collection[str]
-) -> list[Outcome]:
-    if isinstance(predictor, (str, type)):
-        catalog.predictor(predictor)  # type: ignore[arg-type]  # says what is wrong with a name
-        return run_rules(PREDICTOR_RULES, PredictorTrial(lambda: catalog.predictor(predictor), place), skip, only)  # type: ignore[arg-type]
+def _maker(predictor: Any) -> Callable[[], Any]:
+    """A function that makes a predictor from a name or a class, or copies an instance; SpecError if it is none."""
+    make = catalog.predictor if isinstance(predictor, (str, type)) else copied
+    catalog.predictor(make(predictor))
+    return functools.partial(make, predictor)
+
+
+def _source(predictor: Any, place: Domain | None) -> Any:
+    """The predictor to adapt, fitted if it must be.
+
+    Raises:
+        PredictorError: It cannot forecast the scenes.
+    """
+    trial = PredictorTrial(_maker(predictor), place)
     try:
-        copy.deepcopy(predictor)
-    except Exception as error:
-        text = f"copy.deepcopy raised {type(error).__name__}: {error}; give its class to have the other rules checked."
-        return [Outcome("copy", "broken", text)]
-    return run_rules(PREDICTOR_RULES, PredictorTrial(lambda: copy.deepcopy(predictor), place), skip, only)
-
-
-def _adapter_outcomes(
-    adapter: Any, of: Any, place: Domain | None, skip: Mapping[str, str], only: Collection[str]
-) -> list[Outcome]:
-    by_name = isinstance(adapter, (str, type))
-    source = of if by_name else adapter
-    inner = PredictorTrial(
-        lambda: catalog.predictor(source) if isinstance(source, (str, type)) else copy.deepcopy(source),  # type: ignore[arg-type]
-        place,
-    )
-    try:
-        ready = inner.ready()
-        inner.ask(ready)
-    except SpecError:
-        raise  # a misspelt name
+        ready = trial.ready()
+        trial.ask(ready)
     except MotionGymError as error:
         where = "the windows of the domain" if place is not None else "synthetic scenes of 1, 2 and 5 agents, or pairs"
-        raise PredictorError(f"{_title(source)} could not be asked to forecast {where}: {error}") from error
+        raise PredictorError(f"{_title(predictor)} could not be asked to forecast {where}: {error}") from error
+    return ready
 
-    def around(predictor: Any) -> Any:
-        return catalog.adapter(adapter, predictor) if by_name else predictor
 
-    instance = copy.deepcopy(around(ready))
-    outcomes = _predictor_outcomes(instance, place, skip, only)
-    seen = inner.scenes.truth.observation
-    sizes = np.diff(seen.scene).tolist()
-    lessons = domain_lessons(place) if place is not None else synthetic_lessons(seen.history.shape[2], sizes)
-    own = PredictorTrial(lambda: copy.deepcopy(instance), place)
-    trial = AdapterTrial(own, lessons, ready if by_name else None, around)
-    return outcomes + run_rules(ADAPTER_RULES, trial, skip, only)
+def _adapter_trial(adapter: Any, source: Any, place: Domain | None) -> AdapterTrial:
+    if not isinstance(adapter, (str, type)):
+        return AdapterTrial(functools.partial(copied, source), place)
+    around = functools.partial(catalog.adapter, adapter)
+    return AdapterTrial(functools.partial(copied, copied(around(source))), place, source, around)
 
 
 def _title(thing: Any) -> str:
-    """Name of what is checked: a spec, a class or an instance."""
+    """Name of a spec, a class or an instance."""
     if isinstance(thing, str):
         return thing
     return thing.__name__ if inspect.isclass(thing) else name_of(thing)

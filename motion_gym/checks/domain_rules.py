@@ -1,6 +1,6 @@
 """The rules of the domain contract; each takes a DomainTrial and raises.
 
-The library cuts all windows from the recordings, so that windows need no rule on where they come from.
+The library cuts all windows from the recordings, so no rule checks how windows are cut.
 """
 
 from __future__ import annotations
@@ -10,14 +10,13 @@ import dataclasses
 import json
 import math
 import pickle as pickling
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.checks.report import CheckError, NotChecked, Rule, broken_if
+from motion_gym.checks.report import CheckError, NotChecked, Rules, broken_if
 from motion_gym.contract import HISTORY, Card, DataError, MotionGymError, Recording, Truth
 from motion_gym.data.overlap import shared_people
 from motion_gym.data.recordings import check_recording
@@ -25,13 +24,13 @@ from motion_gym.data.windows import Tracks, check_truth, counts
 
 SPLITS = ("train", "val", "test")
 PROBED = 2000
-"""Most agents that features are tried on."""
+"""Most agents that features are computed for."""
 MOVED = (0.5, 1e-3)
-"""Standard deviations, in the domain's unit, of the noise by which observed steps are moved."""
+"""Standard deviations, in the domain's unit, of the noise that is added to observed steps."""
 
 
 class DomainTrial:
-    """A domain whose answers are kept, so that each rule can ask for them.
+    """A domain with its valid recordings, which are read once.
 
     Args:
         domain: The domain.
@@ -39,7 +38,7 @@ class DomainTrial:
 
     def __init__(self, domain: Any):
         self.domain = domain
-        self._kept: dict[str, Sequence[Recording]] = {}
+        self._recordings: dict[str, Sequence[Recording]] = {}
 
     @property
     def card(self) -> Card:
@@ -49,23 +48,23 @@ class DomainTrial:
         return self.domain.card
 
     def recordings(self, split: str) -> Sequence[Recording]:
-        """Valid recordings of a split; NotChecked if they are not."""
-        if split not in self._kept:
+        """The recordings of a split; NotChecked if they are not valid."""
+        if split not in self._recordings:
             try:
-                self._kept[split] = checked_recordings(self.domain, split)
+                self._recordings[split] = checked_recordings(self.domain, split)
             except DataError:
                 raise
             except Exception as error:
                 raise NotChecked(f"recordings({split!r}) cannot be used: {error}") from error
-        return self._kept[split]
+        return self._recordings[split]
 
     def windows(self, split: str) -> Truth:
-        """Windows of a split; NotChecked if there are none to look at."""
+        """The windows of a split; NotChecked if they are not valid."""
         self.recordings(split)
         try:
             return check_truth(self.domain.windows(split), f"windows({split!r})")
         except Exception as error:
-            raise NotChecked(f"windows({split!r}) cannot be cut: {error}") from error
+            raise NotChecked(f"windows({split!r}) cannot be used: {error}") from error
 
 
 def members(trial: DomainTrial) -> None:
@@ -77,7 +76,7 @@ def members(trial: DomainTrial) -> None:
 
 
 def card(trial: DomainTrial) -> None:
-    """The card is complete and agrees with what the domain gives."""
+    """The card is complete and agrees with the windows."""
     card, faults = trial.card, []
     if not isinstance(card.name, str) or not card.name:
         faults.append(f"name is {card.name!r}: give the name of the domain")
@@ -89,27 +88,24 @@ def card(trial: DomainTrial) -> None:
     unknown = [name for name in card.side_channels if name not in features]
     if unknown:
         faults.append(f"side_channels {unknown} are no features: name columns of the history")
-    if not isinstance(card.parameters, Mapping):
-        faults.append(f"parameters are a {type(card.parameters).__name__}: give a dict of all of them")
-    else:
-        try:
-            json.dumps(dict(card.parameters), allow_nan=False)
-        except (TypeError, ValueError) as error:
-            faults.append(f"parameters do not fit into a JSON result ({error}): use numbers, text, lists and None")
+    try:
+        json.dumps(dict(card.parameters), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        faults.append(f"parameters are no dict that fits into JSON ({error}): use numbers, text, lists and None")
     if card.oracle is not None and card.oracle not in catalog.PREDICTORS and ":" not in str(card.oracle):
         faults.append(f"oracle is {card.oracle!r}, no predictor: give a name, `module:Class` or None")
     broken_if(faults, "; ".join(faults) + ".")
     for split in SPLITS:
-        seen = counts(trial.windows(split))
+        counted = counts(trial.windows(split))
         for key, value in trial.domain.card.counts.get(split, {}).items():
             broken_if(
-                seen.get(key, value) != value,
-                f"counts of {split} say {value} {key}, and there are {seen.get(key)}: leave out counts.",
+                counted.get(key, value) != value,
+                f"counts of {split} give {value} {key}, but there are {counted.get(key)}: leave out counts.",
             )
 
 
 def splits(trial: DomainTrial) -> None:
-    """Train, val, test and reference exist, test is not empty, and another split is refused."""
+    """Train, val, test and reference exist, test is not empty, and an unknown split is refused."""
     for split in (*SPLITS, "reference"):
         try:
             trial.domain.recordings(split)
@@ -119,18 +115,16 @@ def splits(trial: DomainTrial) -> None:
             raise CheckError(
                 f"recordings({split!r}) raised {type(error).__name__}: {error}. A split may be empty, but must exist."
             ) from error
+    remedy = "call self.check_split(split) first, which raises motion_gym.contract.SpecError and names the splits."
     try:
         trial.domain.recordings("no such split")
     except (KeyError, ValueError):
         pass
     except Exception as error:
-        raise CheckError(f"recordings('no such split') raised {type(error).__name__}: {error}: {_REFUSE}") from error
+        raise CheckError(f"recordings('no such split') raised {type(error).__name__}: {error}: {remedy}") from error
     else:
-        raise CheckError(f"recordings('no such split') was answered: {_REFUSE}")
+        raise CheckError(f"recordings('no such split') gave an answer: {remedy}")
     broken_if(not len(trial.windows("test").future), "windows('test') has no agent: there is nothing to score.")
-
-
-_REFUSE = "call self.check_split(split) first, which raises motion_gym.contract.SpecError and names the splits."
 
 
 def recordings(trial: DomainTrial) -> None:
@@ -141,7 +135,7 @@ def recordings(trial: DomainTrial) -> None:
         except (CheckError, DataError):
             raise
         except Exception:
-            continue  # rule `splits` says so
+            continue  # reported by rule `splits`
 
 
 def dt(trial: DomainTrial) -> None:
@@ -156,16 +150,15 @@ def dt(trial: DomainTrial) -> None:
 
 def windows(trial: DomainTrial) -> None:
     """Windows are finite arrays of the right shapes and types, with the features of the card."""
+    named = len(trial.card.features)
     for split in (*SPLITS, "reference"):
         trial.recordings(split)
         try:
-            truth = check_truth(trial.domain.windows(split), f"windows({split!r})")
-        except Exception as error:
+            columns = trial.windows(split).observation.history.shape[2]
+        except NotChecked as reason:
             raise CheckError(
-                f"windows({split!r}) cannot be used ({error}): features and side_channels must give finite numbers "
-                f"[A, {HISTORY}, number of names]."
-            ) from error
-        columns, named = truth.observation.history.shape[2], len(trial.card.features)
+                f"{reason}. Features and side_channels must give finite numbers [A, {HISTORY}, number of names]."
+            ) from reason
         broken_if(
             columns != named,
             f"the history of windows({split!r}) has {columns} columns and the card names {named} features: give one "
@@ -174,47 +167,44 @@ def windows(trial: DomainTrial) -> None:
 
 
 def features(trial: DomainTrial) -> None:
-    """Features depend on the history that is given, and on nothing else."""
+    """Features depend on their argument history alone."""
     problem = features_problem(trial.domain, trial.recordings("test"))
     broken_if(problem, problem)
 
 
 def deterministic(trial: DomainTrial) -> None:
-    """Recordings asked for twice are the same."""
+    """A second call of recordings gives the same recordings."""
     for split in SPLITS:
-        first, again = trial.recordings(split), trial.domain.recordings(split)
         broken_if(
-            len(first) != len(again) or not all(_same(a, b) for a, b in zip(first, again, strict=True)),
-            f"recordings({split!r}), asked for twice, gave two answers: draw from a fixed seed.",
+            not _same(trial.recordings(split), trial.domain.recordings(split)),
+            f"two calls of recordings({split!r}) gave two answers: draw from a fixed seed.",
         )
 
 
 def read_only(trial: DomainTrial) -> None:
-    """Writing into what was returned changes nothing that is returned next."""
+    """Writing into returned arrays does not change later answers."""
     for split in SPLITS:
-        first, again = trial.recordings(split), trial.domain.recordings(split)
-        if not all(_same(a, b) for a, b in zip(first, again, strict=False)):
-            raise NotChecked("recordings asked for twice differ")
-        for position, recording in enumerate(again):
-            kept = copy.deepcopy(recording)
-            for name in ("frame", "agent", "xy"):
-                array = getattr(recording, name)
-                if not array.flags.writeable or not array.size:
-                    continue
+        before, returned = copy.deepcopy(trial.recordings(split)), trial.domain.recordings(split)
+        if not _same(before, returned):
+            raise NotChecked("two calls of recordings gave two answers")
+        for name in ("frame", "agent", "xy"):
+            arrays = [getattr(recording, name) for recording in returned]
+            arrays = [array for array in arrays if array.flags.writeable and array.size]
+            values = [array.copy() for array in arrays]
+            for array in arrays:
                 array += 1
-                spoilt = not _same(kept, trial.domain.recordings(split)[position])
-                array -= 1
-                if name == "xy":
-                    array[...] = kept.xy  # adding and subtracting rounds
-                broken_if(
-                    spoilt,
-                    f"writing into {name} of recordings({split!r}) changed what is returned next: return copies, "
-                    "or arrays with flags.writeable = False.",
-                )
+            spoilt = not _same(before, trial.domain.recordings(split))
+            for array, value in zip(arrays, values, strict=True):
+                array[...] = value
+            broken_if(
+                spoilt,
+                f"writing into {name} of recordings({split!r}) changed the next answer: return copies, or arrays with "
+                "flags.writeable = False.",
+            )
 
 
 def reference(trial: DomainTrial) -> None:
-    """No person of the reference scenes is among those of test at the same time."""
+    """No person of the reference scenes is in the test split at the same time."""
     people = shared_people(trial.recordings("reference"), trial.recordings("test"))
     broken_if(
         people, f"{people} people of recordings('reference') are in recordings('test') too: cut them from other frames."
@@ -222,9 +212,10 @@ def reference(trial: DomainTrial) -> None:
 
 
 def parameters(trial: DomainTrial) -> None:
-    """The card's parameters make the same domain again."""
+    """The parameters of the card make an equal domain."""
+    card = trial.card
     remedy = "list every argument of the constructor, with its value, in parameters"
-    _same_elsewhere(trial, lambda: type(trial.domain)(**trial.card.parameters), remedy)
+    _same_elsewhere(trial, lambda: type(trial.domain)(**card.parameters), remedy)
 
 
 def pickle(trial: DomainTrial) -> None:
@@ -235,25 +226,25 @@ def pickle(trial: DomainTrial) -> None:
 
 def checked_recordings(domain: Any, split: str) -> Sequence[Recording]:
     """The recordings of a split; CheckError if they are not valid."""
-    listed = domain.recordings(split)
+    recordings = domain.recordings(split)
     broken_if(
-        not isinstance(listed, Sequence) or not all(isinstance(r, Recording) for r in listed),
+        not isinstance(recordings, Sequence) or not all(isinstance(r, Recording) for r in recordings),
         f"recordings({split!r}) must be a list of motion_gym.contract.Recording.",
     )
-    for recording in listed:
+    for recording in recordings:
         try:
             if len(recording.frame):
                 check_recording(recording)
         except MotionGymError as error:
             raise CheckError(f"recordings({split!r}): {error}") from error
-    return listed  # type: ignore[no-any-return]
+    return recordings  # type: ignore[no-any-return]
 
 
 def features_problem(domain: Any, recordings: Sequence[Recording]) -> str:
-    """Why ``features`` reads something else than the history that it is given; empty if nothing speaks for it.
+    """Evidence that ``features`` reads anything but its argument; empty if there is none.
 
-    Called with the same steps in another order of agents, each agent must keep its feature; called with steps that are
-    moved, by half a metre or by a millimetre, a feature with a value of its own for most agents must change.
+    With the same agents in another order, each agent must keep its features. With the steps moved by half a metre or by
+    a millimetre, a feature that differs between most agents must change.
     """
     if not domain.feature_names:
         return ""
@@ -273,7 +264,7 @@ def features_problem(domain: Any, recordings: Sequence[Recording]) -> str:
     except Exception as error:
         return (
             f"features(history) raised {type(error).__name__} for steps that are not in the recordings: {error}. "
-            "Compute features from the history that is given, and from nothing else."
+            "Compute features from the argument history alone."
         )
     if not agree:
         return (
@@ -286,45 +277,44 @@ def features_problem(domain: Any, recordings: Sequence[Recording]) -> str:
         if own and still > len(values) / 2:
             return (
                 f"feature {name} of features(history) stays the same for {still} of {len(values)} agents when their "
-                "steps change: it reads something else than the history that is given, which may hold the future."
+                "steps change: it reads data other than its argument, which may hold the future."
             )
     return ""
 
 
-def _same_elsewhere(trial: DomainTrial, make: Any, remedy: str) -> None:
-    test = trial.recordings("test")
+def _same_elsewhere(trial: DomainTrial, make: Callable[[], Any], remedy: str) -> None:
+    """Raise CheckError unless a newly made domain has the same test recordings and parameters."""
+    test, card = trial.recordings("test"), trial.card
     try:
         twin = make()
-        others = twin.recordings("test")
-        same = len(test) == len(others) and all(_same(a, b) for a, b in zip(test, others, strict=True))
-        same = same and dict(twin.card.parameters) == dict(trial.card.parameters)
+        same = _same(test, twin.recordings("test")) and dict(twin.card.parameters) == dict(card.parameters)
     except DataError:
         raise
     except Exception as error:
-        raise CheckError(f"it raised {type(error).__name__}: {error}: {remedy}.") from error
-    broken_if(not same, f"the recordings or parameters are other ones: {remedy}.")
+        raise CheckError(f"making it raised {type(error).__name__}: {error}: {remedy}.") from error
+    broken_if(not same, f"recordings or parameters differ: {remedy}.")
 
 
-def _same(a: Recording, b: Recording) -> bool:
-    return all(
-        np.array_equal(getattr(a, f.name), getattr(b, f.name), equal_nan=f.name == "xy")
-        for f in dataclasses.fields(Recording)
+def _same(a: Sequence[Recording], b: Sequence[Recording]) -> bool:
+    """Whether two lists of recordings are bit-identical."""
+    return len(a) == len(b) and all(
+        np.array_equal(getattr(one, field.name), getattr(other, field.name), equal_nan=field.name == "xy")
+        for one, other in zip(a, b, strict=True)
+        for field in dataclasses.fields(Recording)
     )
 
 
-DOMAIN_RULES: Mapping[str, Rule] = MappingProxyType(
-    {
-        "members": members,
-        "card": card,
-        "splits": splits,
-        "recordings": recordings,
-        "dt": dt,
-        "windows": windows,
-        "features": features,
-        "deterministic": deterministic,
-        "read-only": read_only,
-        "reference": reference,
-        "parameters": parameters,
-        "pickle": pickle,
-    }
-)
+DOMAIN_RULES: Rules = {
+    "members": members,
+    "card": card,
+    "splits": splits,
+    "recordings": recordings,
+    "dt": dt,
+    "windows": windows,
+    "features": features,
+    "deterministic": deterministic,
+    "read-only": read_only,
+    "reference": reference,
+    "parameters": parameters,
+    "pickle": pickle,
+}

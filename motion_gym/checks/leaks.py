@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from motion_gym.checks.changed_future import Stage
 from motion_gym.checks.domain_rules import features_problem
 from motion_gym.contract import FUTURE, Domain, Forecast, Observation, Predictor, SpecError, Truth
 from motion_gym.data.domains import spec_of
+from motion_gym.specs import one_of
 from motion_gym.stepping.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
 from motion_gym.stepping.harness import ask, name_of, ready, tell
 from motion_gym.stepping.pettingzoo_env import CLOCKS, ForecastEnv
@@ -24,7 +24,7 @@ from motion_gym.stepping.snapshot import changed, global_randomness, leaves
 SAMPLES = 2
 """Samples asked for, so that a stochastic predictor has to draw."""
 ASKED_TWICE = 3
-"""Observations at which the first play asks twice."""
+"""Number of observations that the first play forecasts twice."""
 START = -1
 """Time of the predictor's state before its first forecast."""
 
@@ -38,14 +38,14 @@ class LeakReport:
         predictor: Name of the predictor.
         clock: ``stream`` or ``windows``.
         split: Split that was played.
-        changed: The method whose answer was changed: what happens before it, as in reading a file, was not probed.
+        changed: The method whose return value was changed; code that runs before it, as reading a file, is not probed.
         cuts: Times after which all data was changed: listed frames since the first, over all recordings.
         checked: Number of values compared by kind: agent-times, or states.
-        side_channels: Declared oracle side channels that did read the future: the most that a value changed.
-        selections: Declared ways in which it depends on the future *who* is observed.
-        oracles: Oracles, and whether their forecasts read the future; they are meant to.
-        unprobed: What could not be probed, and why.
-        leaks: What depends on the future and is not declared: one sentence per kind.
+        side_channels: Declared oracle side channels that read the future, with the largest change of a value.
+        selections: Declared ways in which the future determines who is observed.
+        oracles: Oracles, and whether their forecasts read the future, as oracles may.
+        unprobed: Parts that could not be probed, and why.
+        leaks: Undeclared dependencies on the future: one sentence per kind.
     """
 
     domain: str
@@ -63,14 +63,14 @@ class LeakReport:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing leaked that was not declared."""
+        """Whether there is no undeclared leak."""
         return not self.leaks
 
     def __str__(self) -> str:
         lines = [
             f"{self.predictor} on {self.domain}, {self.clock} clock, split {self.split}: "
             + ("no leak found." if self.ok else f"{len(self.leaks)} found to LEAK."),
-            f"data changed after times {', '.join(map(str, self.cuts))}, in what {self.changed} gives",
+            f"data changed after times {', '.join(map(str, self.cuts))}, in the result of {self.changed}",
             "compared: " + ", ".join(f"{n} {kind}" for kind, n in self.checked.items()),
         ]
         lines += [f"LEAK: {leak}" for leak in self.leaks]
@@ -85,7 +85,7 @@ class LeakReport:
 
 @dataclass
 class _Tape:
-    """Everything that was handed out in one play, by time and kind, and what the predictor was shown."""
+    """All values handed out in one play, by time and kind, and the predictor's observations and truths."""
 
     rows: dict[tuple[int, str], tuple[list[str], np.ndarray]] = field(default_factory=dict)
     states: dict[int, dict[str, int]] = field(default_factory=dict)
@@ -96,7 +96,7 @@ class _Tape:
 
 def leak_probe(
     predictor: str | Predictor,
-    domain: str | Domain | None = None,
+    domain: str | Domain,
     *,
     clock: str = "stream",
     split: str = "test",
@@ -104,39 +104,38 @@ def leak_probe(
     seed: int = 0,
     **parameters: Any,
 ) -> LeakReport:
-    """Change all data after time t, play again, and compare, bit for bit, all that was handed out up to t.
+    """Change all data after time t, play again, and compare, bit for bit, everything that was handed out up to t.
 
-    In the second world positions are moved by metres; on the stream clock people also leave, are lost for a while, or
-    come new, and frames disappear or are added. The changes are made in what the domain's ``recordings`` returns, and
-    go through the library's own windows and ``ForecastEnv``. Compared are who is observed, histories, rewards and
-    ends, revealed truth, forecasts and the predictor's state. In the second world the predictor is shown what it was
-    shown in the first, and the environment is given the same forecasts: so each leak is reported where it arises. On
-    the stream clock the predictor observes truth as it is revealed, in whole scenes; on the windows clock, as in
-    ``evaluate``, it observes the reference scenes alone. A domain's ``features`` are also tried on other observed
-    steps, since data that it keeps for itself does not change with the recordings.
+    The first play uses the original data, the second play uses changed data. The changed data moves positions by
+    metres. On the stream clock people also leave, are lost for a while or enter, and frames disappear or are added. The
+    probe changes the return value of the domain's ``recordings``; the library cuts windows and steps ``ForecastEnv`` as
+    usual. The probe compares who is observed, histories, rewards and ends, revealed truth, forecasts and the
+    predictor's state. In the second play the predictor is shown the observations of the first play, and the environment
+    gets the same forecasts, so each leak is reported where it arises. On the stream clock the predictor observes
+    revealed truth in whole scenes; on the windows clock, as in ``evaluate``, it observes the reference scenes alone.
+    The probe also calls ``features`` with other observed steps, since data that a domain stores itself does not change
+    with the recordings.
 
-    The probe cannot find: what ``recordings`` does with its files, and a predictor that carries the data of the split
-    within itself, trained on it or read from a file of its own. ``possible_agents``, which PettingZoo asks for, lists
-    agents that have not appeared yet.
+    The probe cannot find leaks inside ``recordings``, and it cannot find a predictor that holds the data of the split,
+    because it was trained on the split or reads a file. ``possible_agents``, which PettingZoo requires, lists agents
+    that have not appeared yet.
 
     Args:
-        predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it plays, and if it holds the domain,
-            the copy holds the changed one.
+        predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it plays. If the predictor holds the
+            domain, the copy holds the changed domain.
         domain: A name, a spec, ``"module:Class"`` or a domain; it is not changed.
         clock: ``stream`` or ``windows``.
         split: Which split.
         cuts: Number of times t, one in each of as many equal parts of the episode, or of its first 2000 steps.
-        seed: Source of the changes, the times, and the predictor's samples.
+        seed: Seed of the changes, the times, and the predictor's samples.
         **parameters: Parameters of the domain.
 
     Raises:
-        SpecError: a name or option is not known, or the split has nobody to observe.
-        PredictorError: the predictor broke its contract.
-        DataError: data is missing or damaged.
+        SpecError: A name or option is not known, or the split has no agent to observe.
+        PredictorError: The predictor broke its contract.
+        DataError: Data is missing or damaged.
     """
-    predictor, domain = _in_order(predictor, domain)
-    if clock not in CLOCKS:
-        raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
+    one_of("clock", clock, CLOCKS)
     cuts = catalog.whole_number("cuts", cuts, 1, 10**9)
     place = catalog.domain(domain, **parameters)
     stage = Stage(place, clock, split, seed)
@@ -145,7 +144,7 @@ def leak_probe(
         try:
             player = copy.deepcopy(predictor, {id(place): stage.domain})
         except Exception as error:
-            unprobed.append(f"{name_of(predictor)} cannot be copied ({error}): if it looks into the domain, unseen.")
+            unprobed.append(f"{name_of(predictor)} cannot be copied ({error}): the probe misses reads of the domain.")
     player = ready(player, stage.domain, seed)
     times = stage.cuts(cuts)
     first = _play(stage, player, max(times), seed, None)
@@ -180,23 +179,8 @@ def leak_probe(
     )
 
 
-def _in_order(predictor: Any, domain: Any) -> tuple[Any, Any]:
-    """Predictor and domain, also where they are given in the order of earlier versions: domain, predictor."""
-    named = isinstance(predictor, str) and catalog.parse_spec(predictor)[0] in catalog.DOMAINS
-    if not named and not hasattr(predictor, "recordings"):
-        if domain is None:
-            raise SpecError("leak_probe needs a domain: leak_probe(predictor, domain).")
-        return predictor, domain
-    warnings.warn(
-        "leak_probe(domain, predictor) is the order of earlier versions: write leak_probe(predictor, domain).",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    return ("constant_velocity" if domain is None else domain), predictor
-
-
 def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | None) -> _Tape:
-    """Play an episode up to a time; in the second world, show and do what was shown and done in the first."""
+    """Play an episode up to a time; the second play repeats the observations and forecasts of the first one."""
     tape = _Tape()
     dt, streams = stage.domain.card.dt, stage.clock == "stream"
     if first is None:
@@ -204,14 +188,14 @@ def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | Non
     ready(predictor, stage.domain, seed)
     if hasattr(predictor, "observe") and not streams:
         tell(predictor, stage.domain.reference())
-    # Another seed in the second world: whoever draws from a global generator then forecasts something else.
+    # Another seed in the second play, which changes the forecasts of a predictor that draws from a global generator.
     with global_randomness(seed + (first is not None)):
         try:
             env = ForecastEnv(stage.domain, clock=stage.clock, split=stage.split)
         except SpecError:
             if first is None:
                 raise
-            return tape  # nobody is left in the second world, and the comparison says so
+            return tape  # no agent is left in the changed data, which the comparison reports
         observations, _ = env.reset()
         tape.states[START] = _state(predictor, stage.domain)
         while env.agents and (now := stage.time(env)) <= stop:
@@ -250,20 +234,20 @@ def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | Non
 
 
 def _faults(predictor: Any, before: dict, after: dict, forecast: Forecast, again: Forecast, now: int) -> list[str]:
-    """What is wrong with a predictor whatever the data: it learns when asked, or answers as it likes."""
+    """Faults of a predictor that do not depend on data: predict changes its state, or its answers do not repeat."""
     name, faults = name_of(predictor), []
     touched = changed(before, after)
     if touched:
         faults.append(f"{name}.predict at time {now} changed what it holds: {', '.join(touched[:3])}")
     if again.positions.tobytes() != forecast.positions.tobytes():
-        faults.append(f"{name}.predict, asked twice the same at time {now}, gave two answers")
+        faults.append(f"{name}.predict, asked twice at time {now}, gave two answers")
     return faults
 
 
 def _compare(
     first: _Tape, second: _Tape, stop: int, card: Any, checked: Counter[str], side_channels: dict[str, float]
 ) -> dict[str, str]:
-    """Sentences, one per kind, about what differs up to a time; adds to what was checked and to the side channels."""
+    """One sentence per kind about differences up to a time; updates ``checked`` and ``side_channels``."""
     differences: dict[str, str] = {}
     declared = [i for i, feature in enumerate(card.features) if feature in card.side_channels]
     for time, kind in sorted({*first.rows, *second.rows}, key=lambda k: (k[0], k[1] != "histories", k[1])):
@@ -271,8 +255,10 @@ def _compare(
             break
         (names, a), (others, b) = (t.rows.get((time, kind), ([], np.zeros(0))) for t in (first, second))
         if names != others:
-            who = next((n for n in (*names, *others) if (n in names) != (n in others)), "the order")
-            differences.setdefault("who", f"who is observed at time {time} ({who}) changes with data after time {stop}")
+            agent = next((n for n in (*names, *others) if (n in names) != (n in others)), "the order")
+            differences.setdefault(
+                "who", f"who is observed at time {time} ({agent}) changes with data after time {stop}"
+            )
             break
         checked[kind] += len(names)
         features = list(card.features) if kind.endswith("histories") else []
@@ -289,11 +275,11 @@ def _compare(
         checked["states"] += 1
         touched = changed(first.states[time], second.states[time])
         if touched and "states" not in differences:
-            what = f"what the predictor holds ({', '.join(touched[:3])})"
+            state = f"what the predictor holds ({', '.join(touched[:3])})"
             differences["states"] = (
-                f"{what} is another in a second episode: reset() does not forget it, or it reads the domain"
+                f"{state} differs in a second episode: reset() does not forget it, or it reads the domain"
                 if time == START
-                else f"{what} at time {time} changes with data after time {stop}, which it was not shown"
+                else f"{state} at time {time} changes with data after time {stop}, which it was not shown"
             )
     return differences
 
@@ -310,7 +296,7 @@ def _sentence(
     also = f" and {more} more" if more > 0 else ""
     cause = ""
     if kind in ("forecasts", "weights"):
-        cause = ", though it was shown the same: it knows more than it is shown, or draws from more than its seed"
+        cause = ", for the same observation: the predictor reads other data, or draws from more than its seed"
     return f"{kind} of {names[row]}{also} at time {time}{feature} change with data after time {stop}{cause}"
 
 
@@ -319,13 +305,13 @@ def _selections(domain: Domain, clock: str) -> tuple[str, ...]:
         return ()
     least = domain.card.parameters.get("min_agents", 1)
     return (
-        f"the windows clock shows who is complete over all 20 steps, in windows with at least {least} of them: that is "
-        "known only afterwards, so the probe moved people but did not change who is present",
+        f"the windows clock shows agents that are complete over all 20 steps, in windows of at least {least}: "
+        "this is known only afterwards, so the probe moved people but did not change who is present",
     )
 
 
 def _state(predictor: Any, domain: Any) -> dict[str, int]:
-    """Hash of everything that a predictor holds, by path; not the domain, which walking it first leaves out."""
+    """Hash of each leaf of a predictor by path; the domain is walked first, which leaves it out."""
     state = {}
     for path, leaf in leaves((domain, predictor)):
         if path.startswith("[1]") and leaf is not None:

@@ -1,70 +1,69 @@
-"""The rules of the optional methods of predictors and of copies; each takes a PredictorTrial and raises."""
+"""The rules of the predictor contract for optional methods and copies; each takes a PredictorTrial and raises."""
 
 from __future__ import annotations
 
 import copy as copying
 import pickle as pickling
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from motion_gym.checks import predictor_rules as rules
 from motion_gym.checks.predictor_rules import check_signature
-from motion_gym.checks.predictor_trials import PredictorTrial, gap, same, writable
-from motion_gym.checks.report import CheckError, NotChecked, Rule, broken_if
+from motion_gym.checks.predictor_trials import PredictorTrial, gap, partly_known, same
+from motion_gym.checks.report import CheckError, Rules, broken_if
 from motion_gym.contract import MotionGymError, PredictorError
 from motion_gym.stepping.harness import guarded
 from motion_gym.stepping.snapshot import global_randomness, shared_arrays
 
-COPIERS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
-    {"copy": copying.deepcopy, "pickle": lambda thing: pickling.loads(pickling.dumps(thing))}
-)
+
+def pickled_copy(thing: Any) -> Any:
+    """A copy by pickle."""
+    return pickling.loads(pickling.dumps(thing))
 
 
 def observe(trial: PredictorTrial) -> None:
-    """Observe takes partly known truth."""
+    """Method observe takes partly known truth."""
     predictor = trial.make()
     check_signature(predictor, "observe", "truth")
     if hasattr(predictor, "observe"):
-        trial.comparable()
-        trial.observe(trial.ready())
+        predictor = trial.comparable()
+        with global_randomness():
+            guarded(predictor, "observe", copying.deepcopy(partly_known(trial.scenes.truth)))
 
 
 def reset(trial: PredictorTrial) -> None:
-    """Whoever observes can reset, and then forecasts as if fresh."""
+    """A predictor with observe has reset, after which it forecasts like a new one."""
     predictor = trial.make()
     check_signature(predictor, "reset")
+    observes, resets = hasattr(predictor, "observe"), hasattr(predictor, "reset")
     broken_if(
-        hasattr(predictor, "observe") and not hasattr(predictor, "reset"),
-        "there is observe but no reset: define reset(self), which forgets all that was observed.",
+        observes and not resets,
+        "there is observe but no reset: define reset(self), which forgets everything that was observed.",
     )
-    if not hasattr(predictor, "reset"):
+    if not resets:
         return
-    trial.comparable()
-    predictor = trial.ready()
-    _reset(predictor)
-    if not hasattr(predictor, "observe"):
+    predictor = trial.comparable()
+    with global_randomness():
+        guarded(predictor, "reset")
+    if not observes:
         return
     before = trial.ask(predictor)
-    try:
-        trial.observe(predictor)
-    except MotionGymError as error:
-        raise NotChecked("observe raises") from error
-    _reset(predictor)
+    trial.observe(predictor)
+    with global_randomness():
+        guarded(predictor, "reset")
     after = trial.ask(predictor)
     broken_if(
         not same(before, after),
-        f"after observe and reset the forecasts are {gap(before, after)} from those before: bring back all that "
+        f"after observe and reset the forecasts are {gap(before, after)} from those before: restore everything that "
         "observe changes.",
     )
 
 
 def fit(trial: PredictorTrial) -> None:
-    """Fit returns self or None, and the same seed gives the same forecasts."""
-    predictor = trial.make()
-    check_signature(predictor, "fit", "train", "validation", "seed")
+    """Method fit returns self or None, and the same seed gives the same forecasts."""
+    check_signature(trial.make(), "fit", "train", "validation", "seed")
     if not trial.trainable:
         return
     predictor = trial.fresh()
@@ -78,7 +77,7 @@ def fit(trial: PredictorTrial) -> None:
     broken_if(fitted is not True, f"after fit, fitted is {fitted!r}: make it True.")
     trial.comparable()
     first = trial.ask(predictor)
-    for again, subject in ((trial.fresh(), "another one"), (predictor, "the same one again")):
+    for again, subject in ((trial.fresh(), "another predictor"), (predictor, "the same predictor again")):
         with global_randomness(1):
             guarded(again, "fit", *trial.scenes.training(), 0)
         answer = trial.ask(again)
@@ -90,14 +89,14 @@ def fit(trial: PredictorTrial) -> None:
 
 
 def unfitted(trial: PredictorTrial) -> None:
-    """Whoever must be fitted first says so by a PredictorError."""
+    """A predictor that must be fitted raises PredictorError before that."""
     if not trial.trainable:
         return
     remedy = "raise motion_gym.contract.PredictorError that says: not fitted, call fit(train, validation, seed)"
     predictor = trial.fresh()
     try:
         with global_randomness():
-            predictor.predict(writable(trial.scenes.truth.observation))
+            predictor.predict(copying.deepcopy(trial.scenes.truth.observation))
     except PredictorError:
         return
     except Exception as error:
@@ -106,7 +105,7 @@ def unfitted(trial: PredictorTrial) -> None:
 
 
 def save(trial: PredictorTrial) -> None:
-    """Save and load come together and bring back the same forecasts."""
+    """Methods save and load exist together and restore the same forecasts."""
     predictor = trial.make()
     for method, other in (("save", "load"), ("load", "save")):
         check_signature(predictor, method, "path")
@@ -116,8 +115,7 @@ def save(trial: PredictorTrial) -> None:
         )
     if not hasattr(predictor, "save"):
         return
-    trial.comparable()
-    predictor = trial.ready()
+    predictor = trial.comparable()
     with tempfile.TemporaryDirectory() as folder, global_randomness(2):
         path = Path(folder) / "weights"
         guarded(predictor, "save", path)
@@ -126,7 +124,7 @@ def save(trial: PredictorTrial) -> None:
             loaded = guarded(revived, "load", path)
             answer = trial.ask(revived if loaded is None else loaded)
         except MotionGymError as error:
-            raise CheckError(f"what save wrote could not be loaded and asked: {error}") from error
+            raise CheckError(f"the saved predictor could not be loaded and asked: {error}") from error
     first = trial.ask(predictor)
     broken_if(
         not same(first, answer), f"after save and load the forecasts are {gap(first, answer)} away: save all they need."
@@ -135,12 +133,12 @@ def save(trial: PredictorTrial) -> None:
 
 def copy(trial: PredictorTrial) -> None:
     """A deep copy gives the same forecasts and is independent."""
-    _copies(trial, COPIERS["copy"])
+    _copies(trial, copying.deepcopy)
 
 
 def pickle(trial: PredictorTrial) -> None:
     """A pickled copy gives the same forecasts and is independent."""
-    _copies(trial, COPIERS["pickle"])
+    _copies(trial, pickled_copy)
 
 
 def _copies(trial: PredictorTrial, copier: Callable[[Any], Any]) -> None:
@@ -153,49 +151,39 @@ def _copies(trial: PredictorTrial, copier: Callable[[Any], Any]) -> None:
         twin = copier(predictor)
     except Exception as error:
         raise CheckError(
-            f"it raised {type(error).__name__}: {error}: keep lambdas, open files and classes defined in functions out "
-            "of it, or define __getstate__."
+            f"copying raised {type(error).__name__}: {error}: hold no lambdas, open files or classes defined in "
+            "functions, or define __getstate__."
         ) from error
     common = shared_arrays(predictor, twin)
     broken_if(common, f"the copy shares the memory of {', '.join(common[:3])}: copy arrays too.")
     if not asks:
         return
     first, answer = trial.ask(predictor), trial.ask(twin)
-    broken_if(not same(first, answer), f"the copy forecasts {gap(first, answer)} away: carry all state over.")
+    broken_if(not same(first, answer), f"the copy forecasts {gap(first, answer)} away: copy the whole state.")
     if hasattr(twin, "observe"):
-        try:
-            trial.observe(twin)
-        except MotionGymError:
-            return  # rule `observe` says so
+        trial.observe(twin)
         broken_if(
             not same(first, trial.ask(predictor)),
-            "what the copy observed changed the forecasts of the original: share nothing.",
+            "observing with the copy changed the forecasts of the original: share nothing.",
         )
 
 
-def _reset(predictor: Any) -> None:
-    with global_randomness():
-        guarded(predictor, "reset")
-
-
-PREDICTOR_RULES: Mapping[str, Rule] = MappingProxyType(
-    {
-        "attributes": rules.attributes,
-        "unfitted": unfitted,
-        "fit": fit,
-        "predict": rules.predict,
-        "forecast": rules.forecast,
-        "pure": rules.pure,
-        "state": rules.state,
-        "input": rules.input_,
-        "buffer": rules.buffer,
-        "randomness": rules.randomness,
-        "seed": rules.seed,
-        "scenes": rules.scenes,
-        "observe": observe,
-        "reset": reset,
-        "save": save,
-        "pickle": pickle,
-        "copy": copy,
-    }
-)
+PREDICTOR_RULES: Rules = {
+    "attributes": rules.attributes,
+    "unfitted": unfitted,
+    "fit": fit,
+    "predict": rules.predict,
+    "forecast": rules.forecast,
+    "pure": rules.pure,
+    "state": rules.state,
+    "input": rules.input_,
+    "buffer": rules.buffer,
+    "randomness": rules.randomness,
+    "seed": rules.seed,
+    "scenes": rules.scenes,
+    "observe": observe,
+    "reset": reset,
+    "save": save,
+    "pickle": pickle,
+    "copy": copy,
+}

@@ -1,23 +1,15 @@
-"""The rules of the predictor contract about ``predict`` and attributes; each takes a PredictorTrial and raises."""
+"""The rules of the predictor contract for ``predict`` and attributes; each takes a PredictorTrial and raises."""
 
 from __future__ import annotations
 
 import copy
+import dataclasses
 import inspect
 from typing import Any
 
 import numpy as np
 
-from motion_gym.checks.predictor_trials import (
-    SAMPLES,
-    PredictorTrial,
-    distances,
-    gap,
-    partly_known,
-    same,
-    swapped,
-    writable,
-)
+from motion_gym.checks.predictor_trials import SAMPLES, PredictorTrial, distances, gap, partly_known, same
 from motion_gym.checks.report import CheckError, NotChecked, broken_if
 from motion_gym.contract import Forecast, MotionGymError
 from motion_gym.data.windows import pick_scenes
@@ -29,7 +21,7 @@ TOLERANCE = 1e-4
 
 
 def attributes(trial: PredictorTrial) -> None:
-    """Fitted is a bool; name and selection are text."""
+    """Attribute fitted is a bool; name and selection are text."""
     predictor = trial.make()
     for attribute, kind in (("fitted", bool), ("name", str), ("selection", str)):
         value = getattr(predictor, attribute, None)
@@ -40,11 +32,11 @@ def attributes(trial: PredictorTrial) -> None:
 
 
 def predict(trial: PredictorTrial) -> None:
-    """Predict takes observation, samples and seed, and answers for every observation."""
+    """Method predict takes observation, samples and seed, and answers for every observation."""
     predictor = trial.make()
     check_signature(predictor, "predict", "observation", samples=1, seed=0)
     check_signature(predictor, "know", "domain")
-    predictor = _fitted(trial)
+    predictor = trial.ready()
     for samples in (1, 5, SAMPLES):
         try:
             trial.answer(predictor, trial.scenes.truth.observation, samples)
@@ -52,13 +44,13 @@ def predict(trial: PredictorTrial) -> None:
             synthetic = trial.scenes.synthetic
             where = "synthetic scenes of 1, 2 and 5 agents" if synthetic else "the windows of the domain"
             refused = synthetic and error.__cause__ is None
-            hint = " If it is made for particular scenes, give a domain that has them." if refused else ""
+            hint = " If the predictor is made for particular scenes, give a domain that has them." if refused else ""
             raise CheckError(f"with samples={samples}, on {where}: {str(error).rstrip('.')}.{hint}") from error
 
 
 def forecast(trial: PredictorTrial) -> None:
-    """The answer is a Forecast or array [A, K, 12, 2], K = samples or 1, of finite floats."""
-    predictor = _fitted(trial)
+    """The answer is a Forecast or an array [A, K, 12, 2] of finite floats, with K = samples or 1."""
+    predictor = trial.ready()
     try:
         trial.answer(predictor, trial.scenes.truth.observation)
     except MotionGymError as error:
@@ -71,8 +63,8 @@ def forecast(trial: PredictorTrial) -> None:
 
 
 def pure(trial: PredictorTrial) -> None:
-    """The same state, input and seed give the bit-identical answer, whatever was asked in between."""
-    predictor = _fitted(trial)
+    """The same state, input and seed give the bit-identical answer, whatever was forecast in between."""
+    predictor = trial.ready()
     remedy = "draw from numpy.random.default_rng(seed) alone, and learn in observe or fit alone."
     before = snapshot(predictor)
     try:
@@ -89,22 +81,18 @@ def pure(trial: PredictorTrial) -> None:
                 f"{when}, with the same input and seed, predict answered {gap(first, answer)} away{cause}: {remedy}"
             )
     if hasattr(predictor, "observe"):
-        try:
-            trial.observe(predictor)
-        except MotionGymError:
-            return  # rule `observe` says so
+        trial.observe(predictor)
         broken_if(
             not same(trial.ask(predictor), trial.ask(predictor)),
-            f"after observe, predict asked twice gave two answers: {remedy}",
+            f"after observe, predict gave two answers to the same question: {remedy}",
         )
 
 
 def state(trial: PredictorTrial) -> None:
-    """Predict changes nothing that the predictor holds; a cache may grow while the answers stay the same."""
-    trial.comparable()
-    predictor = trial.ready()
+    """Method predict changes no attribute; a cache may grow while the answers stay the same."""
+    predictor = trial.comparable()
     for samples in (1, 5, SAMPLES):
-        trial.ask(predictor, samples=samples)  # what is kept for later calls is kept now
+        trial.ask(predictor, samples=samples)  # fills caches before the snapshot
     before = snapshot(predictor)
     trial.ask(predictor)
     _ask_others(trial, predictor)
@@ -114,12 +102,15 @@ def state(trial: PredictorTrial) -> None:
 
 
 def input_(trial: PredictorTrial) -> None:
-    """What a predictor is given stays as it was."""
-    predictor = _fitted(trial)
-    seen, truth, sets = trial.scenes.truth.observation, partly_known(trial.scenes.truth), trial.scenes.training()
-    calls: list[tuple[str, tuple[Any, ...]]] = [("predict", (seen, SAMPLES, 3)), ("observe", (truth,))]
+    """The methods do not change their arguments."""
+    predictor = trial.ready()
+    truth = trial.scenes.truth
+    calls: list[tuple[str, tuple[Any, ...]]] = [
+        ("predict", (truth.observation, SAMPLES, 3)),
+        ("observe", (partly_known(truth),)),
+    ]
     if trial.trainable:
-        calls.insert(0, ("fit", (*sets, 0)))
+        calls.insert(0, ("fit", (*trial.scenes.training(), 0)))
     for method, arguments in calls:
         if not hasattr(predictor, method):
             continue
@@ -128,31 +119,29 @@ def input_(trial: PredictorTrial) -> None:
             with global_randomness():
                 guarded(predictor, method, *arguments)
         except MotionGymError:
-            continue  # the rule of that method says so
+            continue  # reported by the rule of that method
         broken_if(
             snapshot(arguments) != before, f"{method} changed its input: work on a copy, as observation.history.copy()."
         )
 
 
 def buffer(trial: PredictorTrial) -> None:
-    """An answer that was given does not change later."""
-    trial.comparable()
-    predictor = trial.ready()
+    """A returned forecast does not change later."""
+    predictor = trial.comparable()
     answer = trial.answer(predictor, trial.scenes.truth.observation)
     positions = answer.positions if isinstance(answer, Forecast) else answer
-    kept = positions.copy()
+    before = positions.copy()
     trial.ask(predictor, seed=4)
     _ask_others(trial, predictor)
     broken_if(
-        not np.array_equal(positions, kept),
+        not np.array_equal(positions, before),
         "predict wrote into an array that it had returned before: return a new one each time.",
     )
 
 
 def randomness(trial: PredictorTrial) -> None:
-    """The global generators of random, numpy and torch are left alone by predict."""
-    trial.comparable()
-    predictor, observation = trial.ready(), writable(trial.scenes.truth.observation)
+    """Method predict does not use the global generators of random, numpy and torch."""
+    predictor, observation = trial.comparable(), copy.deepcopy(trial.scenes.truth.observation)
     with global_randomness() as used:
         guarded(predictor, "predict", observation, samples=SAMPLES, seed=3)
     broken_if(
@@ -163,9 +152,8 @@ def randomness(trial: PredictorTrial) -> None:
 
 
 def seed(trial: PredictorTrial) -> None:
-    """Where samples differ, another seed gives other ones; fixed modes come with weights."""
-    trial.comparable()
-    predictor = trial.ready()
+    """If samples differ, they depend on the seed; fixed modes have weights."""
+    predictor = trial.comparable()
     first = trial.ask(predictor)
     broken_if(
         _drawn(first) and same(first, trial.ask(predictor, seed=5)),
@@ -176,32 +164,34 @@ def seed(trial: PredictorTrial) -> None:
 
 def scenes(trial: PredictorTrial) -> None:
     """The forecasts of a scene do not depend on the other scenes of the observation."""
-    trial.comparable()
-    predictor, here = trial.ready(), trial.scenes.truth.observation
+    predictor, observation = trial.comparable(), trial.scenes.truth.observation
     whole = trial.ask(predictor)
     remedy = "normalise, pool and attend within each scene (observation.scene, observation.scene_index)."
-    limit = TOLERANCE + 4 * np.finfo(np.float32).eps * np.abs(here.xy).max(axis=(1, 2))
+    limit = TOLERANCE + 4 * np.finfo(np.float32).eps * np.abs(observation.xy).max(axis=(1, 2))
     for parity in (0, 1) if trial.scenes.synthetic else ():
-        kept = here.scene_index % 2 == parity
-        off = distances(whole, trial.ask(predictor, swapped(here, trial.scenes.other.observation, ~kept)))[kept]
-        broken_if(
-            (off > limit[kept]).any(),
-            f"other positions in some scenes moved forecasts of others by {off.max():.2g} m: {remedy}",
-        )
-    if _drawn(whole) or not same(whole, trial.ask(predictor, seed=5)):
-        return  # one seed draws other noise for another batch
-    for scene in range(here.scenes):
-        rows = slice(here.scene[scene], here.scene[scene + 1])
-        alone = trial.ask(predictor, pick_scenes(trial.scenes.truth, [scene]).observation)
-        off = distances(whole.take(np.arange(rows.start, rows.stop)), alone)
+        rows = observation.scene_index % 2 == parity
+        history = np.where(rows[:, None, None], observation.history, trial.scenes.other.observation.history)
+        mixed = trial.ask(predictor, dataclasses.replace(observation, history=history))
+        off = distances(whole, mixed)[rows]
         broken_if(
             (off > limit[rows]).any(),
-            f"alone, a scene is forecast {off.max():.2g} m from where it is among {here.scenes}: {remedy}",
+            f"other positions in some scenes moved forecasts of other scenes by {off.max():.2g} m: {remedy}",
+        )
+    if _drawn(whole) or not same(whole, trial.ask(predictor, seed=5)):
+        return  # one seed draws different noise for a batch of another size
+    for scene in range(observation.scenes):
+        rows = np.arange(*observation.scene[scene : scene + 2])
+        alone = trial.ask(predictor, pick_scenes(trial.scenes.truth, [scene]).observation)
+        off = distances(whole.take(rows), alone)
+        broken_if(
+            (off > limit[rows]).any(),
+            f"alone, a scene is forecast {off.max():.2g} m from its forecast among {observation.scenes} scenes: "
+            f"{remedy}",
         )
 
 
 def check_signature(predictor: Any, method: str, *arguments: str, **keywords: Any) -> None:
-    """Raise CheckError if the predictor has a method that cannot be called as the library calls it."""
+    """Raise CheckError if the predictor has a method that the library cannot call."""
     bound = getattr(predictor, method, None)
     if bound is None:
         return
@@ -210,7 +200,7 @@ def check_signature(predictor: Any, method: str, *arguments: str, **keywords: An
     try:
         signature = inspect.signature(bound)
     except ValueError:
-        return  # a builtin that has no signature
+        return  # a builtin without a signature
     try:
         signature.bind(*arguments)
         signature.bind(*arguments, **keywords)
@@ -218,17 +208,8 @@ def check_signature(predictor: Any, method: str, *arguments: str, **keywords: An
         raise CheckError(f"{method}{signature} must be {method}({expected}).") from None
 
 
-def _fitted(trial: PredictorTrial) -> Any:
-    try:
-        return trial.ready()
-    except NotChecked:
-        raise
-    except MotionGymError as error:
-        raise NotChecked("the predictor cannot be fitted") from error
-
-
 def _ask_others(trial: PredictorTrial, predictor: Any) -> None:
-    """Ask about other scenes, and about none; the library never asks about none, so that predict may raise there."""
+    """Ask for other scenes, and for no scene; the library never asks for no scene, so predict may raise there."""
     trial.ask(predictor, trial.scenes.other.observation, seed=4)
     with np.errstate(all="ignore"):
         try:
@@ -238,5 +219,5 @@ def _ask_others(trial: PredictorTrial, predictor: Any) -> None:
 
 
 def _drawn(forecast: Forecast) -> bool:
-    """Whether samples differ and are not modes with weights."""
+    """Whether samples differ and have no weights."""
     return forecast.weights is None and not (forecast.positions == forecast.positions[:, :1]).all()

@@ -1,4 +1,4 @@
-"""Small scenes to try a predictor on, and the trial that the rules of a predictor take."""
+"""Small scenes for predictors, and the trial that the rules of predictors take."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,22 +22,21 @@ from motion_gym.stepping.snapshot import global_randomness
 MIXED = (1, 2, 5, 1, 2)
 PAIRS = (2, 2, 2, 2)
 FAR = 1e4
-"""Metres from the origin of one synthetic scene: float32 still resolves a millimetre there."""
+"""Metres from the origin to one synthetic scene; float32 still resolves a millimetre there."""
 SAMPLES = 20
 SCENES, TRAINING_SCENES = 6, 40
-"""Scenes taken from a domain, to forecast and of each training environment."""
-Writable = TypeVar("Writable", Observation, Truth)
+"""Number of scenes of a domain that are forecast, and of each training environment."""
 
 
 @dataclass(frozen=True)
 class Scenes:
-    """Scenes to forecast, others of the same kind, and what to train on.
+    """Scenes to forecast, further scenes of the same kind, and training data.
 
     Attributes:
-        truth: Observation to ask about, with its truth.
+        truth: Observation to forecast, with its ground truth.
         other: Further scenes; synthetic ones have the same sizes.
-        training: Makes training and validation truths, anew at every call.
-        synthetic: Whether scenes may be recombined at will.
+        training: Makes new training and validation truths at every call.
+        synthetic: Whether the histories of two scenes may be combined.
     """
 
     truth: Truth
@@ -46,9 +45,8 @@ class Scenes:
     synthetic: bool = True
 
 
-def synthetic_scenes(features: int = 2, pairs: bool = False) -> Scenes:
-    """Scenes of 1, 2 and 5 agents, or of 2 alone; one agent stands still, one scene is far from the origin."""
-    sizes = PAIRS if pairs else MIXED
+def synthetic_scenes(features: int, sizes: tuple[int, ...]) -> Scenes:
+    """Synthetic scenes of the given sizes; one agent stands still, one scene is far from the origin."""
 
     def training() -> TrainingSet:
         train, validation = ([synthetic(sizes * 6, features, seed + e) for e in (0, 1)] for seed in (10, 20))
@@ -58,12 +56,12 @@ def synthetic_scenes(features: int = 2, pairs: bool = False) -> Scenes:
 
 
 def synthetic(sizes: Sequence[int], features: int, seed: int, far: float = 0.0) -> Truth:
-    """People who walk on gentle curves; ``far`` metres away in the last scene.
+    """People who walk on gentle curves.
 
     Args:
-        sizes: Agents of each scene.
-        features: F; what follows x and y is random.
-        seed: Source of all randomness.
+        sizes: Number of agents of each scene.
+        features: F; the features after x and y are random.
+        seed: Seed of the random generator.
         far: Offset of the last scene in x, metres.
     """
     rng = np.random.default_rng(seed)
@@ -76,52 +74,40 @@ def synthetic(sizes: Sequence[int], features: int, seed: int, far: float = 0.0) 
     xy[agents - sizes[-1] :, :, 0] += far
     more = rng.uniform(1, 2, (agents, HISTORY, features - 2))
     history = np.concatenate([xy[:, :HISTORY], more], axis=2).astype(np.float32)
-    scene = offsets(np.asarray(sizes))
-    observation = Observation(history, scene, np.arange(agents), 0.4)
+    observation = Observation(history, offsets(np.asarray(sizes)), np.arange(agents), 0.4)
     return Truth(xy[:, HISTORY:].astype(np.float32), np.ones((agents, FUTURE), bool), observation)
 
 
 def domain_scenes(domain: Any) -> Scenes:
-    """The first test windows of a domain, and a few training windows of its sources, or of itself if it has none."""
+    """The first and last test windows of a domain, and some training windows of its sources, or else of itself."""
     test = domain.windows("test")
-    scenes = np.arange(test.observation.scenes)
-    if not len(scenes):
+    if not test.observation.scenes:
         raise SpecError(f"Domain `{domain.card.name}` has no test window to try a predictor on.")
 
     def training() -> TrainingSet:
         try:
-            train, validation = training_set(domain)
+            sets = training_set(domain)
         except SpecError:
-            train, validation = [domain.windows("train")], [domain.windows("val")]
-        few = slice(0, TRAINING_SCENES)
-        return [writable(pick_scenes(t, few)) for t in train], [writable(pick_scenes(v, few)) for v in validation]
+            sets = [domain.windows("train")], [domain.windows("val")]
+        train, validation = ([copy.deepcopy(pick_scenes(t, slice(0, TRAINING_SCENES))) for t in part] for part in sets)
+        return train, validation
 
-    return Scenes(pick_scenes(test, scenes[:SCENES]), pick_scenes(test, scenes[-SCENES:]), training, synthetic=False)
-
-
-def swapped(observation: Observation, other: Observation, rows: np.ndarray) -> Observation:
-    """The same scenes with the histories of some agents taken from another observation of the same sizes."""
-    return dataclasses.replace(observation, history=np.where(rows[:, None, None], other.history, observation.history))
+    return Scenes(pick_scenes(test, slice(0, SCENES)), pick_scenes(test, slice(-SCENES, None)), training, False)
 
 
 def partly_known(truth: Truth) -> Truth:
-    """The same truth with ever fewer steps known: none of the first agent's, one of the second's, and so on."""
+    """The same truth with fewer known steps: none of the first agent, one of the second, two of the third, ..."""
     count = np.arange(len(truth.known)) % (FUTURE + 1)
     known = truth.known & (np.arange(FUTURE) < count[:, None])
-    return Truth(np.where(known[..., None], truth.future, np.float32(0)), known, truth.observation)
-
-
-def writable(value: Writable) -> Writable:
-    """A copy that a predictor could write to."""
-    return copy.deepcopy(value)
+    return dataclasses.replace(truth, future=np.where(known[..., None], truth.future, np.float32(0)), known=known)
 
 
 class PredictorTrial:
-    """A predictor with the scenes that its rules ask it about.
+    """A predictor, and the scenes that the rules let it forecast.
 
     Args:
-        make: Makes the predictor anew, in the state that is to be checked.
-        domain: Domain to take the scenes from, or None for synthetic scenes.
+        make: Makes the predictor anew, in the state that is checked.
+        domain: Domain that gives the scenes; None for synthetic scenes.
     """
 
     def __init__(self, make: Callable[[], Any], domain: Any = None):
@@ -129,23 +115,23 @@ class PredictorTrial:
 
     @functools.cached_property
     def trainable(self) -> bool:
-        """Whether the predictor has to be fitted before it can be asked."""
+        """Whether the predictor must be fitted before it can forecast."""
         instance = self.make()
         unfitted = hasattr(instance, "fit") and getattr(instance, "fitted", False) is not True
         return unfitted and getattr(instance, "fit_on_demand", True)
 
     @functools.cached_property
     def scenes(self) -> Scenes:
-        """The first scenes that the predictor does not refuse by an error of motion-gym."""
+        """The first kind of scenes that the predictor accepts; a predictor refuses scenes by a MotionGymError."""
         if self.domain is not None:
             return domain_scenes(self.domain)
-        choices = [synthetic_scenes(features, pairs) for pairs in (False, True) for features in (2, 3)]
+        choices = [synthetic_scenes(features, sizes) for sizes in (MIXED, PAIRS) for features in (2, 3)]
         for scenes in choices:
             try:
                 self.answer(self.fitted(scenes), scenes.truth.observation, 1)
             except MotionGymError as error:
                 if error.__cause__ is not None:
-                    break  # it crashed: other scenes are for predictors that refuse these
+                    break  # it crashed, and did not refuse these scenes
             else:
                 return scenes
         return choices[0]
@@ -159,19 +145,13 @@ class PredictorTrial:
         """Why forecasts cannot be compared; empty if they can."""
         try:
             predictor = self.ready()
-            if same(self.ask(predictor), self.ask(predictor)):
-                return ""
+            repeats = same(self.ask(predictor), self.ask(predictor))
         except MotionGymError as error:
             return f"the predictor gives no valid forecast ({error})"
-        return "the predictor gives another forecast each time it is asked"
-
-    def comparable(self) -> None:
-        """Raise NotChecked unless the predictor gives valid forecasts that repeat."""
-        if self._incomparable:
-            raise NotChecked(self._incomparable)
+        return "" if repeats else "the predictor answers the same question differently each time"
 
     def fresh(self) -> Any:
-        """The predictor as it is made, told the domain if it is an oracle."""
+        """A new predictor; an oracle is shown the domain."""
         instance = self.make()
         if hasattr(instance, "know"):
             if self.domain is None:
@@ -179,44 +159,65 @@ class PredictorTrial:
             guarded(instance, "know", self.domain)
         return instance
 
-    def fitted(self, scenes: Scenes, world: int = 0) -> Any:
-        """A new predictor that can be asked, fitted if it has to be, with the global generators at ``world``."""
+    def fitted(self, scenes: Scenes) -> Any:
+        """A new predictor, fitted if it must be."""
         instance = self.fresh()
         if self.trainable:
-            with global_randomness(world):
+            with global_randomness():
                 guarded(instance, "fit", *scenes.training(), 0)
         return instance
 
     def ready(self) -> Any:
-        """A predictor that can be asked and changed: a copy of the first one, or a new one if it cannot be copied."""
+        """A predictor that can forecast: a copy of the first one, or a new one if copying fails.
+
+        Raises:
+            NotChecked: The predictor cannot be fitted.
+        """
         try:
-            return copy.deepcopy(self._first)
-        except MotionGymError:
+            first = self._first
+        except NotChecked:
             raise
+        except MotionGymError as error:
+            raise NotChecked(f"the predictor cannot be fitted ({error})") from error
+        try:
+            return copy.deepcopy(first)
         except Exception:
             return self.fitted(self.scenes)
 
+    def comparable(self) -> Any:
+        """The predictor of ``ready``; NotChecked unless its forecasts are valid and repeat."""
+        if self._incomparable:
+            raise NotChecked(self._incomparable)
+        return self.ready()
+
     def answer(self, predictor: Any, observation: Observation, samples: int = SAMPLES, seed: int = 3) -> Any:
-        """What predict returns, unchecked; the global generators differ with the seed."""
+        """The unchecked return value of predict; the state of the global generators depends on the seed."""
         with global_randomness(seed):
-            return guarded(predictor, "predict", writable(observation), samples=samples, seed=seed)
+            return guarded(predictor, "predict", copy.deepcopy(observation), samples=samples, seed=seed)
 
     def ask(
         self, predictor: Any, observation: Observation | None = None, samples: int = SAMPLES, seed: int = 3
     ) -> Forecast:
-        """A forecast of the trial's scenes or of others, as a copy.
+        """A copy of the forecast of the trial's scenes, or of other scenes.
 
         Raises:
-            PredictorError: predict raised, or returned something that is no forecast.
+            PredictorError: predict raised, or returned no valid forecast.
         """
-        here = self.scenes.truth.observation if observation is None else observation
-        answer = self.answer(predictor, here, samples, seed)
-        return check_forecast(answer, here, samples, f"{name_of(predictor)}.predict")
+        seen = self.scenes.truth.observation if observation is None else observation
+        answer = self.answer(predictor, seen, samples, seed)
+        return check_forecast(answer, seen, samples, f"{name_of(predictor)}.predict")
 
     def observe(self, predictor: Any) -> None:
-        """Show the predictor truth that is partly known."""
-        with global_randomness():
-            guarded(predictor, "observe", writable(partly_known(self.scenes.truth)))
+        """Let the predictor observe partly known truth.
+
+        Raises:
+            NotChecked: observe raised, which is the subject of rule ``observe``.
+        """
+        try:
+            with global_randomness():
+                guarded(predictor, "observe", copy.deepcopy(partly_known(self.scenes.truth)))
+        except MotionGymError as error:
+            raise NotChecked(f"observe raises ({error})") from error
 
 
 def same(a: Forecast, b: Forecast) -> bool:
@@ -228,12 +229,12 @@ def same(a: Forecast, b: Forecast) -> bool:
 
 
 def distances(a: Forecast, b: Forecast) -> np.ndarray:
-    """[A] largest distance over samples and steps, metres; infinite where the shapes differ."""
+    """[A] largest distance over samples and steps, metres; infinite if the shapes differ."""
     if a.positions.shape != b.positions.shape:
         return np.full(len(a.positions), np.inf)
     return np.abs(a.positions.astype(np.float64) - b.positions).max(axis=(1, 2, 3), initial=0)
 
 
 def gap(a: Forecast, b: Forecast) -> str:
-    """How far two forecasts are apart, for messages."""
+    """The largest distance between two forecasts, for messages."""
     return f"up to {distances(a, b).max(initial=0):.2g} m"

@@ -1,4 +1,4 @@
-"""How rules are run: each rule is a function that takes a trial and raises, and a report holds every outcome."""
+"""How rules run: each rule is a function that takes a trial and raises, and a report holds every outcome."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from motion_gym.catalog import suggest
-from motion_gym.contract import DataError, MotionGymError, SpecError
+from motion_gym.contract import DataError, MotionGymError, PredictorError, SpecError
 
-Rule = Callable[[Any], None]
-"""Takes a trial; raises CheckError if the rule is broken, NotChecked if it cannot be checked."""
-Rules = Mapping[str, Rule]
-"""Rules by name, in the order in which they run. The first line of a rule's docstring is its description."""
+Rules = Mapping[str, Callable[[Any], None]]
+"""Rules by name, in the order in which they run. A rule takes a trial and raises CheckError if the rule is broken, or
+NotChecked if it cannot be checked. The first line of its docstring is its description."""
 
 
 class CheckError(MotionGymError, ValueError):
-    """A rule of the contract is broken; the message says what was seen and what to do."""
+    """A rule of the contract is broken; the message says what was observed and what to do."""
 
 
 class NotChecked(MotionGymError):
@@ -25,12 +24,12 @@ class NotChecked(MotionGymError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one rule.
+    """The outcome of one rule.
 
     Attributes:
         rule: Name of the rule.
         status: ``kept``, ``broken``, ``skipped`` or ``not checked``.
-        message: What was seen and what to do, or why the rule was left out; empty if it is kept.
+        message: What was observed and what to do, or why the rule was not checked; empty if the rule is kept.
     """
 
     rule: str
@@ -46,7 +45,7 @@ class CheckReport:
     """Every rule of a contract with its outcome.
 
     Attributes:
-        title: What was checked.
+        title: Name of the predictor, adapter or domain.
         kind: ``predictor``, ``adapter`` or ``domain``.
         outcomes: One per rule, in the order in which the rules ran.
     """
@@ -65,14 +64,24 @@ class CheckReport:
         """Whether no rule is broken."""
         return not self.problems
 
+    def require_ok(self) -> None:
+        """Raise an error that lists every broken rule, if there is one.
+
+        Raises:
+            SpecError: A domain breaks a rule.
+            PredictorError: A predictor or an adapter breaks a rule.
+        """
+        if not self.ok:
+            raise (SpecError if self.kind == "domain" else PredictorError)(str(self))
+
     def __str__(self) -> str:
-        kept = sum(outcome.status == "kept" for outcome in self.outcomes)
+        number = len(self.problems) or sum(outcome.status == "kept" for outcome in self.outcomes)
+        rules = f"{number} {'rule' if number == 1 else 'rules'}"
+        article = "an" if self.kind == "adapter" else "a"
+        title = f"{self.title} breaks {rules} of the {self.kind} contract:"
         if self.ok:
-            lines = [f"{self.title} keeps the contract of {_article(self.kind)}: {kept} {_rules(kept)} checked"]
-        else:
-            broken = len(self.problems)
-            lines = [f"{self.title} breaks {broken} {_rules(broken)} of the {self.kind} contract:"]
-        lines += [f"- {problem}" for problem in self.problems]
+            title = f"{self.title} keeps the contract of {article} {self.kind}: {rules} checked"
+        lines = [title, *(f"- {problem}" for problem in self.problems)]
         for status in ("skipped", "not checked"):
             lines += [f"- {status}: {outcome}" for outcome in self.outcomes if outcome.status == status]
         return "\n".join(lines)
@@ -84,35 +93,33 @@ def broken_if(fault: Any, message: str) -> None:
         raise CheckError(message)
 
 
-def describe(rules: Rules) -> dict[str, str]:
-    """Description of each rule by its name."""
-    return {name: (rule.__doc__ or "").strip().splitlines()[0].rstrip(".") for name, rule in rules.items()}
-
-
-def run_rules(
-    rules: Rules, trial: Any, skip: Mapping[str, str] | None = None, only: Collection[str] = ()
-) -> list[Outcome]:
-    """Run rules on a trial, each by itself.
+def run_rules(rules: Rules, trial: Any, skip: Mapping[str, str], only: Collection[str]) -> tuple[Outcome, ...]:
+    """Run each rule on a trial.
 
     Args:
         rules: Rules by name.
-        trial: What the rules take.
+        trial: The argument of each rule.
         skip: Rules to leave out, each with the reason that the report prints.
         only: Rules to run; empty for all.
 
     Raises:
-        DataError: data is missing or damaged, which is no fault of what is checked.
+        SpecError: ``skip`` or ``only`` names an unknown rule, or a rule is skipped without a reason.
+        DataError: Data is missing or damaged; no rule is at fault.
     """
-    outcomes = []
-    for name, rule in rules.items():
-        if skip and name in skip:
-            outcomes.append(Outcome(name, "skipped", skip[name]))
-        elif not only or name in only:
-            outcomes.append(_outcome(name, rule, trial))
-    return outcomes
+    for name in (*skip, *only):
+        if name not in rules:
+            raise SpecError(f"There is no rule `{name}`.{suggest(name, rules)}")
+    for name, reason in skip.items():
+        if not isinstance(reason, str) or not reason.strip():
+            raise SpecError(f"Rule `{name}` is skipped without a reason: write skip={{'{name}': 'reason'}}.")
+    chosen = {name: rule for name, rule in rules.items() if not only or name in only or name in skip}
+    return tuple(
+        Outcome(name, "skipped", skip[name]) if name in skip else _outcome(name, rule, trial)
+        for name, rule in chosen.items()
+    )
 
 
-def _outcome(name: str, rule: Rule, trial: Any) -> Outcome:
+def _outcome(name: str, rule: Callable[[Any], None], trial: Any) -> Outcome:
     try:
         rule(trial)
     except NotChecked as reason:
@@ -122,21 +129,3 @@ def _outcome(name: str, rule: Rule, trial: Any) -> Outcome:
     except MotionGymError as error:
         return Outcome(name, "broken", str(error))
     return Outcome(name, "kept")
-
-
-def check_selection(rules: Rules, skip: Mapping[str, str], only: Collection[str]) -> None:
-    """Raise SpecError for a rule that is not known, or is skipped without a reason."""
-    for name in (*skip, *only):
-        if name not in rules:
-            raise SpecError(f"There is no rule `{name}`.{suggest(name, rules)}")
-    for name, reason in skip.items():
-        if not isinstance(reason, str) or not reason.strip():
-            raise SpecError(f"Rule `{name}` is skipped without a reason: write skip={{'{name}': 'reason'}}.")
-
-
-def _article(kind: str) -> str:
-    return f"an {kind}" if kind[0] in "aeiou" else f"a {kind}"
-
-
-def _rules(number: int) -> str:
-    return "rule" if number == 1 else "rules"

@@ -9,7 +9,7 @@ import tyro
 from motion_gym import catalog
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.cli.output import console
-from motion_gym.contract import DataError, PredictorError, SpecError
+from motion_gym.contract import DataError, SpecError
 from motion_gym.scoring.evaluation import BASELINE
 from motion_gym.stepping.harness import ready
 
@@ -52,8 +52,7 @@ def check(
         kind, place, predictor = "domain", catalog.domain(thing), BASELINE
     of = of or PREDICTOR
     found = run_checks(thing, kind, of=of, domain=None if kind == "domain" else place, only=only, skip=reasons)
-    if not found.ok:
-        raise PredictorError(str(found)) if kind != "domain" else SpecError(str(found))
+    found.require_ok()
     text = str(found).replace(thing, f"{thing} around {of}", 1) if kind == "adapter" else str(found)
     console.print(text, highlight=False, markup=False)
     if only:

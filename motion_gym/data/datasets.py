@@ -1,17 +1,16 @@
-"""Data sets as files with checksums: where to get them, whether they are whole, and where they lie."""
+"""Data sets as files with checksums: where to get the files, whether they are complete, and their paths."""
 
 from __future__ import annotations
 
 import os
 import re
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from motion_gym.catalog import suggest
-from motion_gym.contract import DataError, MotionGymError, SpecError
+from motion_gym.contract import DataError, SpecError
 from motion_gym.data.storage import StorageError, data_folder, digest, write_atomic
 
 
@@ -21,10 +20,10 @@ class DataFile:
 
     Attributes:
         name: Name in the folder of the data set.
-        sha256: Of its bytes, in hexadecimal.
-        size: In bytes.
-        address: Where it can be downloaded.
-        aliases: Other names under which it is distributed.
+        sha256: Checksum in hexadecimal.
+        size: Size in bytes.
+        address: URL of the file.
+        aliases: Other names under which the file is distributed.
     """
 
     name: str
@@ -36,7 +35,7 @@ class DataFile:
 
 @dataclass(frozen=True)
 class DataSet:
-    """A data set: its files, where they come from and what may be done with them."""
+    """A data set: its files, their source and their terms of use."""
 
     name: str
     title: str
@@ -109,7 +108,7 @@ def dataset(name: str) -> DataSet:
     """The data set of that name.
 
     Raises:
-        SpecError: There is no such data set; the message suggests what was meant.
+        SpecError: There is no such data set; the message suggests a similar name.
     """
     if name not in DATASETS:
         raise SpecError(f"There is no data set `{name}`.{suggest(name, DATASETS)}")
@@ -127,14 +126,14 @@ def listing() -> list[tuple[DataSet, list[FileState]]]:
 
 
 def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
-    """Copy the files of a data set into the data folder, from wherever they lie below a folder.
+    """Copy the files of a data set into the data folder, from anywhere below a source folder.
 
-    Files are found by name and must be the expected ones, byte for byte; if one is not, nothing is copied.
-    Files that are not there are left out; the rows returned say which are still missing.
+    Files are found by name and must have the expected bytes; if a file differs, nothing is copied. The returned rows
+    tell which files are still missing.
 
     Raises:
-        DataError: A file differs, or none was found.
-        StorageError: A file could not be written to the data folder; the message names those that were.
+        DataError: A file differs, or no file was found.
+        StorageError: A file could not be written to the data folder; the message names the files that were written.
     """
     entry, source = dataset(name), Path(source_dir).expanduser()
     if not source.is_dir():
@@ -149,7 +148,7 @@ def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
             content = b"" if file.name in right else _bytes(path)
             if file.name not in right and digest(content) == file.sha256:
                 right[file.name] = content
-            elif file.name not in right and path.name == file.name:  # other files are called like an alias, too
+            elif file.name not in right and path.name == file.name:  # an alias may name unrelated files
                 different.setdefault(file.name, f"{path}: {_difference(file, content)}")
     wrong = [message for each, message in different.items() if each not in right]
     if wrong:
@@ -166,36 +165,35 @@ def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
 
 
 def fetch(name: str, base: str | None = None) -> list[FileState]:
-    """Download the files of a data set that are not yet here and whole.
+    """Download the files of a data set that are missing or damaged.
 
     Args:
         name: Name of the data set.
-        base: Address of a folder that holds all the files under their own names, to be used in place of the
-            public addresses.
+        base: URL of a folder that holds all files under their own names, in place of the public addresses.
 
     Raises:
-        DataError: A file could not be downloaded, or is not the expected one. Those before it are kept.
-        StorageError: A file could not be written to the data folder; the message names those that were.
+        DataError: A file could not be downloaded, or is not the expected one. Earlier files are kept.
+        StorageError: A file could not be written to the data folder; the message names the files that were written.
     """
-    import pooch  # takes a quarter of a second, and is needed here only
+    import requests  # takes a quarter of a second, and only downloads need it
+    from urllib3 import Retry
 
-    pooch.get_logger().setLevel("WARNING")  # it would report the temporary folder below
     missing = {state.file for state in verify(name) if state.state != "ok"}
-    files = [file for file in dataset(name).files if file.name in missing]
-    address = {file.name: f"{base.rstrip('/')}/{file.name}" if base else file.address for file in files}
-    # Into a temporary folder: pooch writes files that no other user can read, which breaks shared data folders.
-    with tempfile.TemporaryDirectory() as folder:
-        registry = {file.name: f"sha256:{file.sha256}" for file in files}
-        shelf = pooch.create(folder, base_url="", registry=registry, urls=address, retry_if_failed=1)
-        for number, file in enumerate(files):
-            _write(name, file.name, _download(shelf, name, file, address[file.name]), list(registry)[:number])
+    written: list[str] = []
+    with requests.Session() as session:
+        for scheme in ("http://", "https://"):
+            session.mount(scheme, requests.adapters.HTTPAdapter(max_retries=Retry(1)))
+        for file in (file for file in dataset(name).files if file.name in missing):
+            address = f"{base.rstrip('/')}/{file.name}" if base else file.address
+            _write(name, file.name, _download(session, name, file, address), written)
+            written.append(file.name)
     return verify(name)
 
 
 def locate(name: str, file: str) -> Path:
-    """Path of a file of a data set, after checking that it is the expected one.
+    """Path of a file of a data set, after a check of its bytes.
 
-    The check reads the file once per process, unless its size or time of change differs.
+    The check reads the file once per process, and again if its size or modification time changes.
 
     Raises:
         SpecError: There is no such data set, or no such file in it.
@@ -236,7 +234,7 @@ def _state(name: str, file: DataFile, remember: bool = False) -> FileState:
 
 
 def _write(name: str, file: str, content: bytes, before: list[str]) -> None:
-    """Write a file into the data folder; ``before`` are the files that this command has written already."""
+    """Write a file into the data folder; ``before`` names the files that this command has written already."""
     try:
         write_atomic(data_folder() / name / file, content)
     except StorageError as error:
@@ -246,43 +244,33 @@ def _write(name: str, file: str, content: bytes, before: list[str]) -> None:
         raise failure from error
 
 
-def _download(shelf: Any, name: str, file: DataFile, address: str) -> bytes:
-    """Content of a file, downloaded by a Pooch that knows its checksum."""
-    import pooch
+def _download(session: Any, name: str, file: DataFile, address: str) -> bytes:
+    """The content of a file; DataError if it cannot be downloaded or is not the expected one."""
     import requests
 
-    def download(url: str, path: str, shelf: Any) -> None:
-        pooch.HTTPDownloader(timeout=30)(url, path, shelf)
-        content = _bytes(Path(path))
-        if digest(content) != file.sha256:  # before pooch finds that, for a message that says in what way it differs
-            raise DataError(f"{address} is not the expected {file.name}: {_difference(file, content)}. {instead}")
-
-    instead = (
+    remedy = (
         f"Instead, get the files elsewhere ({DATASETS[name].source}), then run `motion-gym data add {name} --from DIR`."
     )
     try:
-        return _bytes(Path(shelf.fetch(file.name, downloader=download)))
+        answer = session.get(address, timeout=30)
+        answer.raise_for_status()
     except requests.HTTPError as error:
         status = str(error).partition(" for url")[0]
-        raise DataError(f"{file.name} could not be downloaded: {address} answered {status}. {instead}") from None
+        raise DataError(f"{file.name} could not be downloaded: {address} answered {status}. {remedy}") from None
     except requests.RequestException as error:
-        # The system's own words ("Connection refused") are the last thing in a chain of wrapped messages.
+        # The system's own words ("Connection refused") are the last part of a chain of messages.
         system = re.search(r"\[Errno -?\d+\] ([\w ,']+)", str(error))
         raise DataError(
             f"{file.name} could not be downloaded: {address}: the network or the server was not reachable "
-            f"({system[1] if system else type(error).__name__}). {instead}"
+            f"({system[1] if system else type(error).__name__}). {remedy}"
         ) from None
-    except MotionGymError:
-        raise
-    except OSError as error:
-        raise StorageError(
-            f"{file.name} could not be written to {tempfile.gettempdir()}: {error.strerror or error}. "
-            "Free space there, or set TMPDIR to another folder."
-        ) from None
+    if digest(answer.content) != file.sha256:
+        raise DataError(f"{address} is not the expected {file.name}: {_difference(file, answer.content)}. {remedy}")
+    return answer.content
 
 
 def _difference(file: DataFile, content: bytes) -> str:
-    """What was expected, what was found, and what most likely happened."""
+    """Expected and actual size and checksum, and the most likely cause."""
     unix = content.replace(b"\r\n", b"\n")
     if file.sha256 in (digest(unix), digest(unix.replace(b"\n", b"\r\n"))):
         cause = "its line endings were converted (by git or an editor)"

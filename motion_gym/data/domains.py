@@ -20,24 +20,24 @@ TrainingSet = tuple[list[Truth], list[Truth]]
 
 LIBRARY_METHODS = {
     "windows": "give recordings(split), and the library cuts all windows; min_agents and stride choose among them",
-    "reference": 'give the reference scenes as recordings("reference"), which must not share people with those scored',
+    "reference": 'give the reference scenes as recordings("reference"), without people of the scored scenes',
     "history": "give features(history), which receives the observed steps alone, or declare side_channels",
 }
-"""What a subclass of RecordedDomain must not define, and what it gives instead."""
+"""Methods that a subclass of RecordedDomain must not define, and what to define instead."""
 
 
 class RecordedDomain:
     """A domain: a subclass gives ``recordings(split)``, and the library derives everything else.
 
-    The library alone cuts windows, so that no window can show a predictor anything that the recordings of its split do
-    not hold. A subclass may add columns to the history in two ways. ``features`` receives the 8 observed steps alone,
-    so it cannot read the future. ``side_channels`` receives all 20 steps and is named on the card and in every result.
+    The library alone cuts windows, so a window contains nothing but the recordings of its split. A subclass may add
+    columns to the history in two ways. ``features`` receives the 8 observed steps alone, so it cannot read the future.
+    ``side_channels`` receives all 20 steps and is named on the card and in every result.
 
     Observations, ground truth and the arguments of ``features`` and ``side_channels`` are positions relative to
     ``Recording.origin``; add it to get positions in the frame of the source.
 
     Raises:
-        SpecError: a subclass defines ``windows``, ``reference`` or ``history``.
+        SpecError: A subclass defines ``windows``, ``reference`` or ``history``.
     """
 
     name: ClassVar[str] = "recorded"
@@ -47,13 +47,13 @@ class RecordedDomain:
     terms: ClassVar[str] = ""
     oracle: ClassVar[str | None] = None
     headline: ClassVar[tuple[str, ...]] = ()
-    """Parameters that tables show even at their defaults, unless these are None."""
+    """Parameters that tables show even at their defaults, unless they are None."""
     tests_on_train: ClassVar[bool] = False
-    """Whether the windows of ``test`` include those of ``train``: trained here, a predictor must not be tested here."""
+    """Whether the windows of ``test`` include those of ``train``; a predictor trained here cannot be tested here."""
     place: ClassVar[str] = ""
-    """First part of ``world``, where several domains show the same people; by default the name."""
+    """First part of ``world``, for domains that show the same people; by default the name."""
     same_world: ClassVar[tuple[str, ...]] = ()
-    """Parameters that do not change which people the frames show; ``world`` leaves them out."""
+    """Parameters that do not change the people in the frames; ``world`` omits them."""
     dt: float = 0.4
     min_agents: int = 1
     stride: int = 1
@@ -79,7 +79,7 @@ class RecordedDomain:
         return np.zeros((len(positions), HISTORY, 0))
 
     def history(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """What a predictor sees: [A, 8, F] with x, y, the features, then the side channels."""
+        """The history of an observation: [A, 8, F] with x, y, the features, then the side channels."""
         observed = positions[:, :HISTORY]
         columns = [observed]
         if self.feature_names:
@@ -98,7 +98,7 @@ class RecordedDomain:
         return self.windows("reference")
 
     def sources(self) -> list[RecordedDomain]:
-        """The domains that a predictor is trained on before it is tested on this one; empty if there are none."""
+        """The domains on which a predictor is trained before a test on this domain; may be empty."""
         return []
 
     @property
@@ -113,9 +113,9 @@ class RecordedDomain:
 
     @property
     def world(self) -> str:
-        """What this domain has in common with every domain whose frames show the same people at the same time.
+        """Key that is equal for domains whose frames show the same people at the same time.
 
-        The place and all parameters but those of ``same_world``; existing files by their absolute path.
+        It holds the place and all parameters except those in ``same_world``; existing files by their absolute path.
         """
         chosen = {k: _absolute(v) for k, v in self.parameters.items() if k not in self.same_world}
         return format_spec(self.place or self.name, chosen)
@@ -127,7 +127,7 @@ class RecordedDomain:
 
     @property
     def card(self) -> Card:
-        """What this domain is; windows are counted for the splits read so far."""
+        """Description of the domain; windows are counted for the splits read so far."""
         return Card(
             name=self.name,
             parameters=self.parameters,
@@ -147,12 +147,12 @@ class RecordedDomain:
         if split not in self.splits:
             raise SpecError(f"Domain `{self.name}` has no split `{split}`.{suggest(str(split), self.splits)}")
 
-    def kept(self, what: str, make: Callable[[], Kept]) -> Kept:
-        """What ``make`` gives, made once; it stays with this object and is not pickled."""
+    def kept(self, key: str, make: Callable[[], Kept]) -> Kept:
+        """The result of ``make``, computed once per object; it is not pickled."""
         store = self.__dict__.setdefault("_made_once", {})
-        if what not in store:
-            store[what] = make()
-        return store[what]
+        if key not in store:
+            store[key] = make()
+        return store[key]
 
     def _windows(self, split: str) -> Truth:
         tracks = [Tracks.of(recording) for recording in self.recordings(split)]
@@ -189,10 +189,10 @@ def spec_of(domain: Domain) -> str:
 
 
 def _makes(kind: type[RecordedDomain], given: Mapping[str, Any], all_of_them: Mapping[str, Any]) -> bool:
-    """Whether a domain made with the given parameters has all of them."""
+    """Whether a domain made with some parameters has all parameters."""
     try:
         return kind(**given).parameters == all_of_them
-    except Exception:  # a class of somebody else, made in a way that it was not meant for, may raise anything
+    except Exception:  # the constructor of a user's class may raise anything
         return False
 
 
@@ -204,7 +204,7 @@ def _absolute(value: Any) -> Any:
 
 
 def freeze(truth: Truth) -> Truth:
-    """Make every array of a truth read-only, so that nobody who is given it can change it for others."""
+    """Make every array of a truth read-only."""
     observation = truth.observation
     arrays = (truth.future, truth.known, observation.history, observation.scene, observation.agent, observation.time)
     for array in arrays:
@@ -214,14 +214,14 @@ def freeze(truth: Truth) -> Truth:
 
 
 def training_set(domain: Any, **options: Any) -> TrainingSet:
-    """What a predictor is fitted on before it meets a domain: the ``train`` and ``val`` windows of its sources.
+    """The ``train`` and ``val`` windows of the sources of a domain, on which a predictor is fitted.
 
     Args:
-        domain: The domain to be met.
-        **options: Of the domain's ``sources``, as ``design="crossed"``.
+        domain: The domain on which the predictor is tested.
+        **options: Options of the domain's ``sources``, as ``design="crossed"``.
 
     Raises:
-        SpecError: the domain names no sources.
+        SpecError: The domain names no sources.
     """
     sources = domain.sources(**options) if hasattr(domain, "sources") else []
     if not sources:

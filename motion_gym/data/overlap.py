@@ -1,4 +1,4 @@
-"""Whether two sets of recordings show the same people at the same time: what is shown must not be what is scored."""
+"""Whether two sets of recordings show the same people at the same time, so that one must not be scored."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from motion_gym.contract import Domain, Recording
 
 SHARED_ROWS = 2
-"""Rows that a person of one set must have in the other: one equal row may be chance, as a common starting point."""
+"""Rows of a person that both sets must share; one equal row may be chance, as a common starting point."""
 
 
 def shared_people(shown: Sequence[Recording], scored: Sequence[Recording]) -> int:
     """Number of people of ``shown`` who are also in ``scored`` at the same time.
 
     A person is in both sets if at least two rows agree in one of two ways, to the bit: frame, agent and position; or
-    two consecutive positions between which the person moves, whatever the frame numbers and ids are. A recording that
-    begins later, is renumbered, or is cut otherwise is thus recognised; one that is resampled or moved is not, and
-    is told by the ``world`` of its domain.
+    two consecutive positions between which the person moves, whatever the frame numbers and ids are. This recognises a
+    recording that begins later, is renumbered, or is cut differently, but not a recording that is resampled or moved;
+    the ``world`` of its domain identifies the latter.
     """
     if not sum(len(recording.frame) for recording in scored) or not shown:
         return 0
@@ -37,8 +37,8 @@ def shared_people(shown: Sequence[Recording], scored: Sequence[Recording]) -> in
 def trained_on_scored(trained: Domain, scored: Domain, split: str) -> bool:
     """Whether the training or validation windows of one domain show people of a split of another domain.
 
-    Domains of one world that are sampled otherwise cannot be compared row by row. Where such a domain scores what it
-    trains on (``tests_on_train``), its training windows are taken to show the people that are scored.
+    Domains of one world with different sampling cannot be compared row by row. If such a domain scores its training
+    recording (``tests_on_train``), its training windows count as windows of the scored people.
     """
     if trained.world == scored.world and getattr(type(trained), "tests_on_train", False):
         return True

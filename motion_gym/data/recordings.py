@@ -1,7 +1,7 @@
 """Recordings from text files, with errors that name the line.
 
-A good file is read by numpy's C parser and checked as arrays. Only when that finds something wrong is the
-file walked line by line, to say which line it is.
+numpy's C parser reads a file, which is then checked as arrays. If the check fails, the file is read line by line, so
+that the error names the line.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re
 
 
 class _Fault(NamedTuple):
-    """The first bad row of a table, the earlier row it clashes with, and what is wrong."""
+    """The first bad row of a table, an earlier row that it contradicts, the kind of fault and a description."""
 
     row: int
     earlier: int | None
     kind: str
-    what: str
+    description: str
 
 
 def read_recording(
@@ -93,7 +93,7 @@ def read_recording(
 
 
 def check_recording(recording: Recording) -> None:
-    """Check the values of a recording that was built in memory, as those of a file are checked.
+    """Check the values of a recording that was built in memory, in the same way as a file.
 
     Raises:
         DataError: A row is bad; the message names the first bad row, counted from 0, and the remedy.
@@ -114,7 +114,7 @@ def check_recording(recording: Recording) -> None:
             "duplicate": "Keep one of the two rows, or give the second agent another id.",
         }.get(fault.kind, "Correct or leave out the row.")
         earlier = "" if fault.earlier is None else f" (row {fault.earlier})"
-        raise DataError(f"recording {name}, row {fault.row}: {fault.what}{earlier}. {remedy}")
+        raise DataError(f"recording {name}, row {fault.row}: {fault.description}{earlier}. {remedy}")
     far = np.abs(recording.xy - recording.origin).max(axis=1) > FARTHEST
     if far.any():
         row = int(far.argmax())
@@ -140,13 +140,13 @@ def _bytes(path: Path) -> bytes:
 
 
 def _fast(path: Path, content: bytes, delimiter: str | None, columns: list[int]) -> np.ndarray | None:
-    """[R, 4] as read by numpy's C parser; None if the file needs a closer look."""
+    """[R, 4] as read by numpy's C parser; None if the parser refuses the file."""
     if not content.endswith((b"\n", b"\r")):
         return None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            # By name, because numpy reads a file by itself in large pieces, but an open file line by line.
+            # By path, since numpy reads a path in large pieces, but an open file line by line.
             table = np.loadtxt(path, delimiter=delimiter, comments=None, ndmin=2, encoding="utf-8")
         return table[:, columns]
     except (ValueError, IndexError, UserWarning):
@@ -154,7 +154,7 @@ def _fast(path: Path, content: bytes, delimiter: str | None, columns: list[int])
 
 
 def _rises(table: np.ndarray) -> bool:
-    """Whether rows are sorted by frame and agent, each pair once; most files are, and need no sort."""
+    """Whether rows are strictly sorted by frame and agent, as in most files."""
     with np.errstate(invalid="ignore"):
         frame, agent = np.diff(table[:, :2], axis=0).T
     return bool(((frame > 0) | ((frame == 0) & (agent > 0))).all())
@@ -182,13 +182,13 @@ def _first_fault(table: np.ndarray) -> _Fault | None:
     row, clash = rows[kind], {"order": rows[kind] - 1, "duplicate": int(earlier[rows[kind]])}.get(kind)
     frame, agent = (f"{value:.17g}" for value in table[row, :2])
     column = int((~np.isfinite(table[row]) if kind == "finite" else broken[row]).argmax())
-    what = {
+    description = {
         "finite": f"{_NAMES[column]} is {table[row, column]}, not a finite number",
         "whole": f"{_NAMES[column]} is {table[row, column]:.17g}, not a whole number below 2**53",
         "order": f"frame {frame} comes after frame {table[row - 1, 0]:.17g}",
         "duplicate": f"frame {frame} has agent {agent} a second time",
     }[kind]
-    return _Fault(row, clash, kind, what)
+    return _Fault(row, clash, kind, description)
 
 
 def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
@@ -197,7 +197,7 @@ def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
     lines = [(number, line) for number, line in enumerate(text.split("\n"), 1) if line.strip()]
     if not lines:
         raise DataError(f"{path} is empty. Expected lines of numbers: {' '.join(_NAMES)}.")
-    # By majority, as the width below, because the first line itself may be the bad one.
+    # By majority, as the width below, because the first line may be bad.
     delimiter = "," if 2 * sum("," in line for _, line in lines) > len(lines) else None
     split = [[field.strip() for field in line.split(delimiter)] for _, line in lines]
     width = Counter(map(len, split)).most_common(1)[0][0]
@@ -214,14 +214,14 @@ def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
     fault = _first_fault(table)
     if fault is not None:
         earlier = "" if fault.earlier is None else f" (line {lines[fault.earlier][0]})"
-        _refuse(path, *lines[fault.row], fault.what + earlier, _remedy(fault.kind, path, delimiter, columns))
+        _refuse(path, *lines[fault.row], fault.description + earlier, _remedy(fault.kind, path, delimiter, columns))
     if good < len(lines):
         _refuse(path, *lines[good], *(bad[good] or ("", "")))
     return table
 
 
 def _bad_line(fields: list[str], width: int, columns: list[int]) -> tuple[str, str] | None:
-    """What is wrong with the fields of a line, and the remedy."""
+    """The fault of the fields of a line and its remedy; None if there is no fault."""
     text = next((number for number, field in enumerate(fields) if not _NUMBER.fullmatch(field)), None)
     if len(fields) != width:
         return f"{len(fields)} columns where the other lines have {width}", "Correct or delete the line."
@@ -251,9 +251,9 @@ def _remedy(kind: str, path: Path, delimiter: str | None, columns: list[int]) ->
     }[kind]
 
 
-def _refuse(path: Path, number: int, line: str, what: str, remedy: str) -> NoReturn:
+def _refuse(path: Path, number: int, line: str, fault: str, remedy: str) -> NoReturn:
     shown = line if len(line) <= 100 else line[:100] + "..."
     raise DataError(
-        f"{path}, line {number}: {what}: {shown!r}. Expected {' '.join(_NAMES)} in each line, frames and ids "
+        f"{path}, line {number}: {fault}: {shown!r}. Expected {' '.join(_NAMES)} in each line, frames and ids "
         f"whole numbers, x and y finite. {remedy}"
     )

@@ -1,4 +1,4 @@
-"""Where files live, and how they are written so that nobody ever sees half of one."""
+"""Folders of data and caches, and atomic writes."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class StorageError(MotionGymError, OSError):
 
 
 LEFTOVER = re.compile(r"\..+\.[0-9a-f]{16}\.tmp")
-"""Names under which ``atomic_file`` writes."""
+"""Pattern of the temporary names of ``atomic_file``."""
 LEFTOVER_AGE = 3600.0
-"""Seconds after which a file of such a name is no longer being written."""
+"""Seconds after which a temporary file is a leftover of a killed process."""
 
 
 def data_folder() -> Path:
@@ -38,7 +38,7 @@ def data_folder() -> Path:
 
 
 def cache_folder() -> Path:
-    """Folder of what can be made again: ``MOTION_GYM_CACHE``, or the user's cache folder."""
+    """Folder of the cache: ``MOTION_GYM_CACHE``, or the user's cache folder."""
     return _folder("MOTION_GYM_CACHE", user_cache_path)
 
 
@@ -62,13 +62,13 @@ def digest(*parts: str | bytes | np.ndarray) -> str:
 
 @contextlib.contextmanager
 def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """Open a file for writing that takes its name only once it is complete and on disk.
+    """Open a file for writing that replaces ``path`` once it is complete and on disk.
 
-    What was at ``path`` stays there until then. On any error the new file is removed and ``path`` unchanged. What a
-    killed process has left half written in the same folder, more than an hour ago, is removed.
+    On an error the new file is removed and ``path`` does not change. Temporary files in the same folder that are older
+    than an hour are removed.
 
     Args:
-        path: Where the file goes. Missing folders are made.
+        path: Path of the file. Missing folders are made.
 
     Yields:
         A binary file, open for writing.
@@ -112,7 +112,7 @@ def _remove_leftovers(folder: Path) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise StorageError unless files can be written to a folder, or to one that would be made; nothing is left."""
+    """Raise StorageError unless files can be written to a folder, which need not exist yet."""
     there = next((place for place in (folder, *folder.absolute().parents) if place.exists()), Path("/"))
     try:
         with tempfile.TemporaryDirectory(dir=there):
@@ -124,20 +124,20 @@ def check_writable(folder: Path) -> None:
 
 
 def write_atomic(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a whole file, or nothing; see ``atomic_file``."""
+    """Write a complete file, or nothing; see ``atomic_file``."""
     with atomic_file(path) as file:
         file.write(content)
 
 
 def cached_arrays(key: Mapping[str, Any], make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Arrays from the cache, or made now and kept there.
+    """Load arrays from the cache, or make and store them.
 
-    Safe when several processes make one entry at once. A damaged entry is made again. When an entry cannot be
-    written, a RuntimeWarning says so and the arrays are returned all the same.
+    Several processes may make one entry at the same time. A damaged entry is made again. If an entry cannot be written,
+    a RuntimeWarning says so and the arrays are returned.
 
     Args:
-        key: All that the arrays depend on, in JSON types: parameters, file hashes, and a version of the code
-            that makes them. ``key["name"]``, if there is one, begins the name of the file.
+        key: Everything that determines the arrays, in JSON types: parameters, file hashes, and a version of the code.
+            ``key["name"]``, if there is one, begins the name of the file.
         make: Makes the arrays; called only if they are not in the cache.
 
     Raises:
@@ -179,7 +179,7 @@ def _entry_name(key: Mapping[str, Any]) -> str:
 
 CHECKSUM = "__sha256__"
 PASSING = (errno.ENOENT, errno.EACCES, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO)
-"""What keeps an entry from being read without its being damaged."""
+"""Errors of reading that do not mean that an entry is damaged."""
 
 
 def _checksum(entry: str, arrays: Mapping[str, np.ndarray]) -> str:
@@ -189,7 +189,7 @@ def _checksum(entry: str, arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def _load(entry: str) -> dict[str, np.ndarray] | None:
-    """Arrays of an entry, if its checksum is right; a damaged entry is removed."""
+    """The arrays of an entry, if its checksum is right; a damaged entry is removed."""
     try:
         path = cache_folder() / entry
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:

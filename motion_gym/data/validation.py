@@ -1,4 +1,4 @@
-"""The one check of a forecast: what predictors return, what is stored and what is scored all pass it."""
+"""The check of forecasts from predictors, in ledgers and in metrics."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from motion_gym.contract import FUTURE, Forecast, MotionGymError, Observation, P
 
 
 def check_forecast(forecast: Any, observation: Observation, samples: int | None, name: str) -> Forecast:
-    """A forecast in its proper form: float32 copies of its arrays.
+    """A valid forecast with float32 copies of its arrays.
 
     Args:
         forecast: A Forecast, or its positions alone.
         observation: The observation that it answers; A agents.
-        samples: K, the number of samples asked for; a deterministic predictor may give 1. None to allow any number.
-        name: Who made the forecast, for messages, as ``MyPredictor.predict``.
+        samples: K, the requested number of samples; a deterministic predictor may return 1. None to allow any number.
+        name: Source of the forecast for messages, as ``MyPredictor.predict``.
 
     Returns:
         Forecast with positions [A, K, 12, 2] float32, metres, and weights [A, K] float32 or None.
 
     Raises:
-        PredictorError: it has another type, shape or dtype, or a value that is not finite; or its weights do not fit.
+        PredictorError: The type, shape or dtype is wrong, a value is not finite, or the weights do not fit.
     """
     try:
         return _checked(forecast, observation, samples, name)

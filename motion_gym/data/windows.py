@@ -1,8 +1,8 @@
-"""From a recording to tracks, and from tracks to windows; all of it is array operations."""
+"""Tracks of recordings, and windows of tracks, as array operations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,14 +23,14 @@ DECIMALS = 6
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """A recording sorted by agent, then time, and cut where an agent was out of sight.
+    """A recording sorted by agent, then time, and cut into unbroken tracks.
 
-    A step is one *listed* frame: frame numbers at which nobody was annotated do not count, as in the released program
-    of the paper. An agent that is lost and found again begins a new track.
+    A step is one *listed* frame: frame numbers without an annotated agent do not count, as in the released program of
+    the paper. An agent that is lost and found again begins a new track.
 
     Attributes:
         tick: [R] int64, index of the row's frame among the listed frames.
-        track: [R] int64, which unbroken track the row belongs to, 0 .. T - 1.
+        track: [R] int64, number of the unbroken track of the row, 0 .. T - 1.
         agent: [R] int64, id of the agent as in the recording, shifted so that none is negative.
         xy: [R, 2] float64, positions relative to the origin of the recording.
         age: [R] int64, rows of the same track before this one.
@@ -53,13 +53,13 @@ class Tracks:
         """Sort and cut a recording, after checking it.
 
         Raises:
-            DataError: a column has the wrong shape or type, or a row is bad.
+            DataError: A column has the wrong shape or type, or a row is bad.
         """
         if len(recording.frame):
             check_recording(recording)
         frames, tick = np.unique(recording.frame, return_inverse=True)
         order = np.lexsort((tick, recording.agent))
-        # Not negative, so that ids of several recordings can be told apart by adding to them.
+        # Not negative, so that an offset per recording makes ids of several recordings unique.
         tick, agent = tick[order].astype(np.int64), recording.agent[order] - recording.agent.min(initial=0)
         new = np.ones(len(tick), bool)
         new[1:] = (agent[1:] != agent[:-1]) | (tick[1:] != tick[:-1] + 1)
@@ -70,7 +70,7 @@ class Tracks:
         left = np.repeat(length, length) - 1 - age
         xy = recording.xy[order]
         if recording.origin.any():
-            # Rounded, so that what float64 cannot resolve far from zero does not become a difference of the last bit.
+            # Rounded, since float64 resolves less far from zero, which would change the last bits of differences.
             xy = np.round(xy - recording.origin, DECIMALS)
         return cls(tick, track, agent, xy, age, left, len(frames), recording.dt)
 
@@ -116,25 +116,18 @@ def offsets(sizes: np.ndarray) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
 
-def windows_of(
-    recordings: Iterable[Recording], features: Features = positions_only, min_agents: int = 1, stride: int = 1
-) -> Truth:
-    """Cut recordings into windows, see ``cut_windows``."""
-    return cut_windows([Tracks.of(recording) for recording in recordings], features, min_agents, stride)
-
-
 def cut_windows(
     places: Sequence[Tracks], features: Features = positions_only, min_agents: int = 1, stride: int = 1
 ) -> Truth:
     """Cut tracks into windows of 20 consecutive listed frames.
 
-    An agent counts if it is present in all 20 frames, a window counts if at least ``min_agents`` agents do. Which
-    agents are complete is known only afterwards: that choice, made by every published evaluation, reads the future.
+    An agent counts if it is present in all 20 frames; a window counts if at least ``min_agents`` agents do. Every
+    published evaluation makes this choice, which reads the future: complete agents are known only afterwards.
 
     Args:
         places: Tracks of recordings. Agent ids are shifted so that they differ between recordings.
         features: Gives the history of each agent.
-        min_agents: Smallest number of complete agents in a window; 0 is as good as 1.
+        min_agents: Smallest number of complete agents in a window; 0 means 1.
         stride: Listed frames from the start of one window to the start of the next, at least 1.
 
     Returns:
@@ -165,7 +158,7 @@ def stack(parts: Sequence[Truth]) -> Truth:
     """Put truths one after another; their scenes stay apart.
 
     Raises:
-        DataError: no part, or parts whose time steps or features differ.
+        DataError: There is no part, or time steps or features of parts differ.
     """
     if not parts:
         raise DataError("stack needs at least one Truth.")
@@ -174,16 +167,22 @@ def stack(parts: Sequence[Truth]) -> Truth:
         raise DataError(f"Cannot stack truths whose (dt, number of features) differ: {sorted(kinds)}.")
     if len(parts) == 1:
         return parts[0]
-    sizes = np.concatenate([np.diff(p.observation.scene) for p in parts])
-    times = [p.observation.time for p in parts if p.observation.time is not None]
-    observation = Observation(
-        np.concatenate([p.observation.history for p in parts]),
-        offsets(sizes),
-        np.concatenate([p.observation.agent for p in parts]),
-        parts[0].observation.dt,
+    observation = stack_observations([part.observation for part in parts])
+    return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
+
+
+def stack_observations(parts: Sequence[Observation]) -> Observation:
+    """Put observations one after another; their scenes stay apart."""
+    if len(parts) == 1:
+        return parts[0]
+    times = [part.time for part in parts if part.time is not None]
+    return Observation(
+        np.concatenate([part.history for part in parts]),
+        offsets(np.concatenate([np.diff(part.scene) for part in parts])),
+        np.concatenate([part.agent for part in parts]),
+        parts[0].dt,
         np.concatenate(times) if len(times) == len(parts) else None,
     )
-    return Truth(np.concatenate([p.future for p in parts]), np.concatenate([p.known for p in parts]), observation)
 
 
 def pick_scenes(truth: Truth, scenes: np.ndarray | list[int] | slice) -> Truth:
@@ -209,23 +208,23 @@ def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) ->
 
 
 def whole_scenes(truth: Truth) -> np.ndarray:
-    """Numbers of the scenes of which all is known."""
+    """Numbers of the scenes without an unknown step."""
     unknown = truth.observation.scene_index[~truth.known.all(axis=1)]
     return np.setdiff1d(np.arange(truth.observation.scenes), unknown)
 
 
-def check_truth(truth: Any, what: str) -> Truth:
-    """The truth, if it is one that can be scored.
+def check_truth(truth: Any, name: str) -> Truth:
+    """The truth, if it can be scored.
 
     Raises:
-        DataError: it is of the wrong type, shape or dtype, its scenes do not fit, a scene is empty or has an agent
-            twice, or a value is not finite.
+        DataError: The type, shape or dtype is wrong, the scenes do not fit, a scene is empty or has an agent twice, or
+            a value is not finite.
     """
     if not isinstance(truth, Truth) or not isinstance(truth.observation, Observation):
-        raise DataError(f"{what} is a {type(truth).__name__}, not a Truth with its Observation.")
+        raise DataError(f"{name} is a {type(truth).__name__}, not a Truth with its Observation.")
     seen = truth.observation
     agents = len(truth.future) if isinstance(truth.future, np.ndarray) else -1
-    for name, array, shape, kind in (
+    for field, array, shape, kind in (
         ("future", truth.future, (agents, FUTURE, 2), "float32"),
         ("known", truth.known, (agents, FUTURE), "bool"),
         ("history", seen.history, (agents, HISTORY, -1), "float32"),
@@ -237,17 +236,17 @@ def check_truth(truth: Any, what: str) -> Truth:
         if not right or any(n not in (m, -1) for m, n in zip(array.shape, shape, strict=True)):
             got = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
             expected = ", ".join("?" if n == -1 else str(n) for n in shape)
-            raise DataError(f"{what}: {name} is {got}, expected {kind} ({expected}).")
+            raise DataError(f"{name}: {field} is {got}, expected {kind} ({expected}).")
     sizes = np.diff(seen.scene)
     if not len(seen.scene) or seen.scene[0] != 0 or seen.scene[-1] != agents or (sizes < 1).any():
         raise DataError(
-            f"{what}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
+            f"{name}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
         )
     order, scene = np.lexsort((seen.agent, seen.scene_index)), seen.scene_index
     if ((np.diff(seen.agent[order]) == 0) & (np.diff(scene[order]) == 0)).any():
-        raise DataError(f"{what}: an agent is in one scene twice; give every agent of a scene an id of its own.")
+        raise DataError(f"{name}: an agent is in one scene twice; give every agent of a scene an id of its own.")
     if seen.history.shape[2] < 2 or not np.isfinite(seen.history).all() or not np.isfinite(truth.future).all():
-        raise DataError(f"{what}: history and future must be finite, and 0 where they are not known.")
+        raise DataError(f"{name}: history and future must be finite, and 0 where they are not known.")
     return truth
 
 
@@ -262,7 +261,7 @@ def counts(truth: Truth) -> dict[str, int]:
 
 
 def recorded_counts(places: Sequence[Tracks]) -> dict[str, int]:
-    """Agents of the recordings, and their agent-windows whatever ``min_agents`` and ``stride`` leave out."""
+    """Number of agents of the recordings, and of their agent-windows for ``min_agents=1`` and ``stride=1``."""
     return {
         "recorded_agent_windows": sum(len(tracks.complete()) for tracks in places),
         "recorded_agents": sum(len(np.unique(tracks.agent)) for tracks in places),
@@ -270,7 +269,7 @@ def recorded_counts(places: Sequence[Tracks]) -> dict[str, int]:
 
 
 def empty_truth(features: int, dt: float) -> Truth:
-    """A truth of no scenes."""
+    """A truth without scenes."""
     observation = Observation(
         np.zeros((0, HISTORY, features), np.float32),
         np.zeros(1, np.int64),

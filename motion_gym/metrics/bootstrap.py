@@ -1,6 +1,6 @@
-"""Means with intervals that know how few pedestrians stand behind many windows.
+"""Means with bootstrap intervals clustered by agent.
 
-Windows of one agent overlap and resemble each other, so agents (clusters) are resampled and not windows: the
+Windows of one agent overlap and are correlated, so the bootstrap resamples agents (clusters), not windows: the
 percentile bootstrap for clustered data (Davison and Hinkley, Bootstrap Methods and their Application, 1997).
 """
 
@@ -21,7 +21,7 @@ MANY_CLUSTERS, REPLICATES, FEWER_REPLICATES = 1_000, 10_000, 1_000
 DRAWS_AT_ONCE = 1 << 18
 """Drawn clusters held in memory together."""
 MOST_KEPT = 1 << 24
-"""Drawn clusters up to which resamples are kept for the next metric, which sees the same ones."""
+"""Most drawn clusters for which resamples are cached for the next call."""
 
 
 class Interval(NamedTuple):
@@ -34,16 +34,16 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Summary:
-    """The mean of a metric and what stands behind it.
+    """The mean of a metric with its interval and counts.
 
     Attributes:
         mean: Mean over the agent-windows where the metric could be computed; NaN if there are none.
         low: Lower end of the interval; NaN where it is undefined.
         high: Upper end of the interval; NaN where it is undefined.
-        agent_windows: Values behind the mean.
-        scenes: Scenes that they come from.
-        agents: Distinct agents that they come from.
-        replicates: Bootstrap replicates behind the interval.
+        agent_windows: Number of values in the mean.
+        scenes: Number of their scenes.
+        agents: Number of their distinct agents.
+        replicates: Number of bootstrap replicates.
     """
 
     mean: float
@@ -88,62 +88,36 @@ def clustered_interval(
 ) -> Interval:
     """Mean over all finite values, and its percentile bootstrap interval clustered by agent.
 
-    A replicate draws as many clusters as there are, with replacement, and divides the sum of their values by
-    the number of their finite values. All metrics see the same draws. Replicates without a finite value are
-    left out.
+    A replicate draws as many clusters as there are, with replacement, and divides the sum of their values by the number
+    of their finite values. All metrics see the same resamples. Replicates without a finite value are left out.
+
+    A predictor with a style observes randomly drawn reference scenes, and its error depends on the draw. With several
+    draws each replicate resamples the draws and, independently, the agents (the pigeonhole bootstrap: Owen, Annals of
+    Applied Statistics 1, 2007). With D draws the part of the interval that comes from the draws is too narrow by the
+    factor sqrt((D - 1) / D), as the bootstrap of any D values is.
 
     Args:
-        values: [A] or [A, M]; NaN where a metric could not be computed.
-        cluster: [A], what belongs together: ids of agents, unique over everything that is pooled.
+        values: [A]; [D, A] for D draws of reference scenes; or [D, A, M] for M metrics. NaN where a metric could not be
+            computed.
+        cluster: [A], ids of agents, unique over all pooled data.
         level: Coverage, between 0 and 1.
         replicates: Number of resamples; None takes ``replicates_for`` the number of clusters.
-        seed: Source of all randomness; the same seed gives the same interval.
+        seed: Seed of the resamples; the same seed gives the same interval.
 
     Returns:
-        Interval of floats for [A], of [M] arrays for [A, M]. With fewer than two clusters that hold a finite
-        value, low and high are undefined and NaN; with none, so is the mean.
+        Interval of floats, or of [M] arrays for [D, A, M]. With fewer than two clusters that hold a finite value, low
+        and high are undefined and NaN; with none, so is the mean.
 
     Raises:
-        SpecError: Shapes that do not fit, an infinite value, a level or a number of replicates out of range.
+        SpecError: Shapes do not fit, a value is infinite, or the level or the number of replicates is out of range.
     """
-    values = np.asarray(values, dtype=np.float64)
-    if values.ndim not in (1, 2):
-        raise SpecError(f"values have shape {values.shape}, expected [A] or [A, M].")
-    return interval_over_draws(values[None], cluster, level, replicates, seed)
-
-
-def interval_over_draws(
-    values: np.ndarray, cluster: np.ndarray, level: float = 0.95, replicates: int | None = None, seed: int = 0
-) -> Interval:
-    """Mean over draws and agents, and its bootstrap interval with both resampled.
-
-    A predictor with a style is shown reference scenes that are drawn at random. Its error depends on that draw, so
-    each replicate resamples the draws and, independently, the agents (the pigeonhole bootstrap: Owen, Annals of Applied
-    Statistics 1, 2007). With D draws the part of the interval that comes from them is too narrow by the factor
-    sqrt((D - 1) / D), as the bootstrap of any D values is. One draw gives ``clustered_interval``.
-
-    Args:
-        values: [D, A] or [D, A, M] for D draws; NaN where a metric could not be computed.
-        cluster: [A], ids of agents, as for ``clustered_interval``.
-        level: Coverage, between 0 and 1.
-        replicates: Number of resamples; None takes ``replicates_for`` the number of clusters.
-        seed: Source of all randomness.
-
-    Returns:
-        Interval of floats for [D, A], of [M] arrays for [D, A, M].
-
-    Raises:
-        SpecError: As ``clustered_interval``, or there is no draw.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    if values.ndim not in (2, 3) or not len(values):
-        raise SpecError(f"values have shape {values.shape}, expected [D, A] or [D, A, M] with one draw or more.")
-    table = values if values.ndim == 3 else values[..., None]
-    mean, means = _resampled_means(table, np.asarray(cluster), level, replicates, seed)
+    table = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    if table.ndim > 3 or not len(table):
+        raise SpecError(f"values have shape {np.shape(values)}, expected [A], [D, A] or [D, A, M] with a draw or more.")
+    several = table.ndim == 3
+    mean, means = _resampled_means(table if several else table[..., None], cluster, level, replicates, seed)
     low, high = _percentiles(means, level)
-    if values.ndim == 3:
-        return Interval(mean, low, high)
-    return Interval(float(mean[0]), float(low[0]), float(high[0]))
+    return Interval(mean, low, high) if several else Interval(float(mean[0]), float(low[0]), float(high[0]))
 
 
 def paired_difference(
@@ -156,17 +130,17 @@ def paired_difference(
 ) -> Difference:
     """Mean of a - b over the agent-windows where both are finite, with the clustered bootstrap.
 
-    Both see the same resamples, since the differences are what is resampled. The p-value is twice the share
-    of replicates beyond 0, with one more counted on that side, so it is never under 2 / (replicates + 1).
+    The bootstrap resamples the differences, so both predictors see the same resamples. The p-value is twice the share
+    of replicates beyond 0, with one more counted on that side, so it is at least 2 / (replicates + 1).
 
     Args:
         a: [A] values of one predictor, NaN where they could not be computed; or [D, A], one row for each draw of
-            reference scenes, as for ``interval_over_draws``.
-        b: [A] or [D, A] values of the other one, for the same agent-windows in the same order.
+            reference scenes, as for ``clustered_interval``.
+        b: [A] or [D, A] values of the other predictor, for the same agent-windows in the same order.
         cluster: [A], ids of agents, as for ``clustered_interval``.
         level: Coverage, between 0 and 1.
         replicates: Number of resamples; None takes ``replicates_for`` the number of clusters.
-        seed: Source of all randomness.
+        seed: Seed of the resamples.
 
     Returns:
         The difference; its interval and p-value are NaN with fewer than two clusters. ``n`` counts agent-windows once,
@@ -184,7 +158,7 @@ def paired_difference(
     if np.isinf(a).any() or np.isinf(b).any():
         raise SpecError("a or b holds infinite values; only NaN may stand for a value that could not be computed.")
     difference = a - b
-    mean, means = _resampled_means(difference[..., None], np.asarray(cluster), level, replicates, seed)
+    mean, means = _resampled_means(difference[..., None], cluster, level, replicates, seed)
     low, high = _percentiles(means, level)
     drawn = means[np.isfinite(means)]
     tail = min((drawn <= 0).sum(), (drawn >= 0).sum())
@@ -205,10 +179,10 @@ def summarise(
     Args:
         scores: Values by name of the metric, as ``motion_gym.metrics.errors.score`` gives them: [A] each, or [D, A]
             each for D draws of reference scenes, whose resampling then is part of the interval.
-        observation: The scored observation; says which agent and which scene each value belongs to.
+        observation: The scored observation; gives the agent and the scene of each value.
         level: Coverage, between 0 and 1.
         replicates: Number of resamples; None takes ``replicates_for`` the number of agents.
-        seed: Source of all randomness.
+        seed: Seed of the resamples.
 
     Returns:
         A Summary by name of the metric.
@@ -216,7 +190,7 @@ def summarise(
     if not scores:
         return {}
     table = np.stack([np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in scores.values()], axis=2)
-    interval = interval_over_draws(table, observation.agent, level, replicates, seed)
+    interval = clustered_interval(table, observation.agent, level, replicates, seed)
     scene_index, (_, agent) = observation.scene_index, np.unique(observation.agent, return_inverse=True)
     replicates = replicates or replicates_for(len(np.unique(observation.agent)))
     summaries = {}
@@ -233,6 +207,7 @@ def _resampled_means(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The mean [M] of each column of [D, A, M], and its replicates [R, M]: NaN with fewer than two clusters."""
     draws, values, metrics = table.shape
+    cluster = np.asarray(cluster)
     if not 0 < level < 1:
         raise SpecError(f"level is {level!r}, it must lie between 0 and 1; 0.95 is usual.")
     if replicates is not None and replicates < 1:
@@ -278,7 +253,7 @@ def _kept(clusters: int, replicates: int, seed: int) -> Iterable[np.ndarray]:
 
 
 def _drawn(clusters: int, replicates: int, seed: int | Sequence[int]) -> Iterator[np.ndarray]:
-    """How often each replicate draws each cluster: blocks [rows, clusters] of float64, ``replicates`` rows in all.
+    """Number of draws of each cluster in each replicate: blocks [rows, clusters] of float64, ``replicates`` rows.
 
     Counting plain draws is exact and, for many clusters, several times faster than a multinomial draw.
     """

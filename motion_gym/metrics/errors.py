@@ -1,11 +1,11 @@
 """Errors of forecasts, one value per agent, so that means and intervals can be taken over any grouping.
 
-A metric is a pure function of a Forecast and the Truth that it is held against, and a row of ``METRICS``.
-Everything is computed in float64. Lengths are in the unit of the domain. NaN means that there is nothing to measure: no
-known step, or a forecast that is no density.
+A metric is a pure function of a Forecast and its Truth, and a row of ``METRICS``. Metrics are computed in float64.
+Lengths are in the unit of the domain. NaN means that the metric is not defined: no step is known, or the forecast is no
+density.
 
-Where a metric has a k it looks at the *first* k samples. A forecast with one sample stands for all of them,
-so that deterministic predictors can be scored for any k; otherwise fewer than k samples are an error.
+A metric with a k scores the *first* k samples. A single sample stands for all samples, so that deterministic predictors
+can be scored for any k; otherwise fewer than k samples are an error.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ MISS_DISTANCE = 2.0
 COLLISION_DISTANCE = 0.2
 """Metres between two centres under which two agents collide: a person radius of 0.1 m, as in TrajNet++."""
 LOG_DENSITY_BOUND = -20.0
-"""Lowest log density (1 / m^2) that counts, as in Trajectron++: one lost agent may not rule the mean."""
+"""Lowest log density (1 / m^2), as in Trajectron++, so that a single agent does not dominate the mean."""
 KERNEL_WIDTH = 0.01
-"""Metres; narrowest standard deviation of a kernel, so that samples on a line still have a density."""
+"""Smallest standard deviation of a kernel, metres, so that samples on a line have a density."""
 PAIRS_AT_ONCE = 1 << 14
-"""Pairs of agents whose distances are held in memory together."""
+"""Number of pairs of agents whose distances are held in memory together."""
 
 
 def ade(forecast: Forecast, truth: Truth) -> np.ndarray:
     """Average displacement error of the most likely sample over the known steps.
 
     Args:
-        forecast: A agents; the sample of highest weight is scored, the first one where there are no weights.
-        truth: What happened to the same agents, in the same order.
+        forecast: A agents; the sample of highest weight is scored, or the first sample if there are no weights.
+        truth: Ground truth of the same agents, in the same order.
 
     Returns:
         [A] float64, a length; NaN for an agent without a known step.
 
     Raises:
-        PredictorError: The forecast has the wrong shape or holds positions or weights that cannot be.
-        DataError: The truth contradicts itself.
+        PredictorError: The forecast has a wrong shape, or impossible positions or weights.
+        DataError: The truth is not valid.
     """
     return mean_over_known(_checked(forecast, truth).error, truth.known)
 
@@ -71,9 +71,8 @@ def min_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
 def joint_ade(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     """ADE under the best of the first k samples of the whole scene.
 
-    The sample of a scene is the one with the smallest sum of ADE over the scene's agents; agents without a
-    known step have no say. With all steps known, the mean over agents is the number that the paper's released
-    program reports.
+    The sample of a scene has the smallest sum of ADE over the scene's agents; agents without a known step are left out
+    of the sum. With all steps known, the mean over agents is the number that the paper's released program reports.
 
     Returns:
         [A] float64, lengths: the ADE of each agent under the sample of its scene; NaN as for `ade`.
@@ -87,24 +86,23 @@ def joint_fde(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
 
 
 def miss_rate_2m(forecast: Forecast, truth: Truth, k: int = 1) -> np.ndarray:
-    """1 where the last position is missed by more than 2 m, else 0: [A], NaN where it is not known.
+    """1 if the error at the last step is more than 2 m, else 0: [A], NaN if the last step is not known.
 
-    With k = 1 the most likely sample is judged, with k > 1 the best of the first k.
+    k = 1 scores the most likely sample, k > 1 the best of the first k samples.
     """
     error = fde(forecast, truth) if k == 1 else min_fde(forecast, truth, k)
     return np.where(np.isnan(error), np.nan, error > MISS_DISTANCE)
 
 
 def collision_rate(forecast: Forecast, truth: Truth) -> np.ndarray:
-    """1 for an agent whose forecast comes within 0.2 m of that of another agent of its scene, else 0.
+    """1 if the forecast of an agent is within 0.2 m of the forecast of another agent of its scene, else 0.
 
-    The distance is between centres, at any of the 12 steps, most likely samples against each other. This is
-    Col-I of TrajNet++ (Kothari et al., 2021) with its person radius of 0.1 m, but for every agent instead of
-    a primary one, and without the half-way points that TrajNet++ adds between steps. It judges the forecast
-    alone: steps that never happened count as well.
+    The distance is between the centres of the most likely samples, at any of the 12 steps. This is Col-I of TrajNet++
+    (Kothari et al., 2021) with its person radius of 0.1 m, but for every agent instead of a primary agent, and without
+    the half-way points that TrajNet++ adds between steps. Steps after an agent left count, too.
 
     Returns:
-        [A] float64, 0 or 1; 0 for an agent that is alone.
+        [A] float64, 0 or 1; 0 for an agent that is alone in its scene.
     """
     track = _checked(forecast, truth).most_likely().astype(np.float64)
     scene = truth.observation.scene
@@ -131,8 +129,8 @@ def kde_nll(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     density of a step is clipped from below at -20 (Trajectron++, Salzmann et al., ECCV 2020), then averaged
     over known steps.
 
-    Every agent counts, also one whose samples are equal or whose weight lies on a single sample: its kernels are
-    ``KERNEL_WIDTH`` wide.
+    An agent with equal samples, or with all weight on one sample, counts as well; its kernels are ``KERNEL_WIDTH``
+    wide.
 
     Returns:
         [A] float64, nats for a density per m^2. NaN without a known step. NaN for all agents where the forecast is no
@@ -170,13 +168,13 @@ class Metric:
     """A row of the table of metrics.
 
     Attributes:
-        name: How the field writes it; ``{k}`` stands for the number of samples.
+        name: Usual name; ``{k}`` stands for the number of samples.
         function: ``function(forecast, truth)``, or ``function(forecast, truth, k)`` if it needs samples.
         unit: Unit of its values; ``m`` stands for the unit of the domain.
-        needs_samples: Whether it looks at k samples; such metrics are reported for k > 1 only.
-        description: What it measures, in a sentence.
-        needs_metres: Whether it holds a length in metres; such metrics are reported for domains in metres only.
-        lower_is_better: Whether the smaller of two values is the better one.
+        needs_samples: Whether it scores k samples; such metrics are reported for k > 1 only.
+        description: One sentence.
+        needs_metres: Whether it has a threshold in metres; such metrics are reported for domains in metres only.
+        lower_is_better: Whether smaller values are better.
     """
 
     name: str
@@ -223,17 +221,17 @@ def metric_rows(k: int, unit: str = "m") -> list[Metric]:
 
 
 def score(forecast: Forecast, truth: Truth, k: int = 1, unit: str = "m") -> dict[str, np.ndarray]:
-    """Every metric to report for k samples, by name: each [A] float64, NaN where it cannot be computed.
+    """Every metric to report for k samples, by name: each [A] float64, NaN where it is not defined.
 
     Args:
-        forecast: A agents, at least k samples, or a single one that stands for all.
-        truth: What happened to the same agents, in the same order.
+        forecast: A agents with at least k samples, or with a single sample that stands for all.
+        truth: Ground truth of the same agents, in the same order.
         k: Number of samples that are scored.
-        unit: Unit of the positions, as the domain's card says it.
+        unit: Unit of the positions, as in the domain's card.
 
     Raises:
         PredictorError: The forecast has the wrong shape, fewer than k samples, or impossible values.
-        DataError: The truth contradicts itself.
+        DataError: The truth is not valid.
     """
     checked = _checked(forecast, truth)
     return {metric.name: metric(checked, truth, k) for metric in metric_rows(k, unit)}
@@ -241,7 +239,7 @@ def score(forecast: Forecast, truth: Truth, k: int = 1, unit: str = "m") -> dict
 
 @dataclass(frozen=True, eq=False)
 class _Checked(Forecast):
-    """A forecast that has been checked against its truth, so that ``score`` checks it once for all metrics."""
+    """A forecast that was checked against its truth; ``score`` checks a forecast once for all metrics."""
 
     error: np.ndarray = field(kw_only=True)
     """[A, 12] displacement error of the most likely sample."""
@@ -338,4 +336,4 @@ def _log_density(
 
 def _check_k(k: int) -> None:
     if k < 1:
-        raise SpecError(f"k is {k!r}; it is a number of samples, so it must be 1 or more.")
+        raise SpecError(f"k is {k!r}; the number of samples must be 1 or more.")

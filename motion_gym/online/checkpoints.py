@@ -1,4 +1,4 @@
-"""Checkpoints of online runs: written atomically, signed with a key of the user, and never read without it."""
+"""Checkpoints of online runs: written atomically, and signed with a key of the user."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ SIGNED = len(MARK) + hashlib.sha256().digest_size
 
 
 class Checkpoint:
-    """The file that a stopped run goes on from.
+    """The file from which a stopped run continues.
 
-    The file holds pickled objects, which could run any code. So it begins with a signature (HMAC-SHA256), made with a
-    random key that only this user can read; a file without it is refused before anything is unpickled. A file that
-    cannot be written is warned about once, and the run goes on.
+    The file holds pickled objects, which can run any code when they are read. It therefore begins with a signature
+    (HMAC-SHA256) made with a random key that only this user can read. A file without a valid signature is refused and
+    not unpickled. If the file cannot be written, a warning says so once, and the run goes on.
 
     Args:
         path: The file.
-        identity: All that determines the run, as ``identity_of`` gives it: only the same run is continued.
+        identity: Digest of the run from ``identity_of``; the file continues the same run only.
     """
 
     def __init__(self, path: Path, identity: str):
@@ -47,7 +47,7 @@ class Checkpoint:
         """The saved run; None if there is no file.
 
         Raises:
-            SpecError: the file is not a checkpoint of this user, is damaged, or is of another run.
+            SpecError: The file is not a checkpoint of this user, is damaged, or belongs to another run.
         """
         if not self.path.exists():
             return None
@@ -76,7 +76,7 @@ class Checkpoint:
         """Write the file; a warning if it cannot be written.
 
         Raises:
-            PredictorError: the predictor cannot be pickled.
+            PredictorError: The predictor cannot be pickled.
         """
         try:
             payload = pickle.dumps((self.identity, run))
@@ -88,7 +88,7 @@ class Checkpoint:
             write_atomic(self.path, MARK + hmac.digest(key, payload, "sha256") + payload)
 
     def remove(self) -> None:
-        """Delete the file, if it is there."""
+        """Delete the file, if it exists."""
         with self._warning():
             self.path.unlink(missing_ok=True)
 
@@ -104,7 +104,7 @@ class Checkpoint:
 
 
 def identity_of(predictor: Any, played: Any, options: Mapping[str, Any], name: str) -> str:
-    """A digest of all that determines a run: the predictor's whole initial state, the stream, the options.
+    """Digest of the initial state of the predictor, the stream and the options.
 
     Args:
         predictor: The predictor, ready for the stream.
@@ -132,26 +132,21 @@ def identity_of(predictor: Any, played: Any, options: Mapping[str, Any], name: s
 
 
 def _key(make: bool) -> bytes | None:
-    """The user's key; None if there is none and none is to be made.
+    """The user's key; None if there is none and ``make`` is False.
 
     Raises:
-        OSError: it cannot be read or written.
+        OSError: The key cannot be read or written.
     """
     path = cache_folder() / "checkpoint.key"
     if not path.exists():
         if not make:
             return None
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-        try:
-            with open(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-                file.write(secrets.token_bytes(32))
-                file.flush()
-                os.fsync(file.fileno())
-            with contextlib.suppress(FileExistsError):  # another process was first
-                os.link(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with (
+            contextlib.suppress(FileExistsError),  # another process was first
+            open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file,
+        ):
+            file.write(secrets.token_bytes(32))
     if path.stat().st_mode & 0o077 or path.stat().st_uid != os.getuid():
         raise PermissionError(f"{path} must belong to this user, who alone may read it: delete it.")
     key = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Keep predictors from remembering one run in the next: the attributes of their classes must not change in a run."""
+"""Detect predictors that remember one run in the next: attributes of their classes must not change during a run."""
 
 from __future__ import annotations
 
@@ -11,37 +11,39 @@ from motion_gym.contract import PredictorError
 from motion_gym.stepping.snapshot import snapshot
 
 FOREIGN = frozenset({"builtins", "abc", "typing", "collections", "numpy", "torch", "scipy", "enum", "random"})
-"""Packages whose classes are not looked at."""
+"""Packages whose classes are not checked."""
 
 
 @contextlib.contextmanager
 def no_class_memory(predictor: Any, name: str) -> Iterator[None]:
-    """Refuse a run in which class attributes of a predictor, or of the objects that it holds, changed.
+    """Refuse a run that changes class attributes of a predictor, or of the objects that it holds.
 
-    ``reset`` cannot forget them, so a second run over the same frames would know the first one. They are put back, also
-    after an error, so that a run always begins with the attributes that the classes had before.
+    ``reset`` does not restore class attributes, so a second run over the same frames would know the first one. The
+    attributes are restored after the run, also after an error.
 
     Args:
-        predictor: The predictor, as it is before the run.
-        name: Its name in the message.
+        predictor: The predictor before the run.
+        name: Name of the predictor, for the message.
 
     Raises:
-        PredictorError: a class attribute was changed, added or removed.
+        PredictorError: A class attribute was changed, added or removed.
     """
-    before = {kind: {k: snapshot(v) for k, v in _attributes(kind).items()} for kind in _classes(predictor, {})}
-    copies = {kind: _copies(_attributes(kind)) for kind in before}
+    before = {kind: {key: (snapshot(v), _copied(v)) for key, v in _data(kind).items()} for kind in _classes(predictor)}
     touched: list[str] = []
     try:
         yield
     finally:
-        for kind, held in before.items():
-            now = {key: snapshot(value) for key, value in _attributes(kind).items()}
-            for key in (key for key in now | held if now.get(key) != held.get(key)):
+        for kind, attributes in before.items():
+            now = {key: snapshot(value) for key, value in _data(kind).items()}
+            for key in now | attributes:
+                content, value = attributes.get(key, (None, None))
+                if now.get(key) == content:
+                    continue
                 touched.append(f"{kind.__name__}.{key}")
-                if key not in held:
+                if content is None:
                     delattr(kind, key)
-                elif key in copies[kind]:
-                    setattr(kind, key, copies[kind][key])
+                else:
+                    setattr(kind, key, value)
     if touched:
         raise PredictorError(
             f"{name} remembers in its class: {', '.join(sorted(touched)[:3])} changed during the run, and another run "
@@ -49,28 +51,28 @@ def no_class_memory(predictor: Any, name: str) -> Iterator[None]:
         )
 
 
-def _classes(value: Any, seen: dict[int, Any]) -> dict[type, None]:
-    """The classes of an object and of the objects that it holds, with their bases, in order."""
-    if id(value) in seen or isinstance(value, type):
-        return {}
-    seen[id(value)] = value
-    found: dict[type, None] = {}
-    if hasattr(value, "__dict__"):
-        found |= {kind: None for kind in type(value).__mro__ if kind.__module__.partition(".")[0] not in FOREIGN}
-        held = list(vars(value).values())
-    elif isinstance(value, Mapping):
-        held = list(value.values())
-    elif isinstance(value, (list, tuple, set, frozenset)):
-        held = list(value)
-    else:
-        return {}
-    for item in held:
-        found |= _classes(item, seen)
-    return found
+def _classes(predictor: Any) -> list[type]:
+    """The classes of an object and of the objects that it holds, with their bases."""
+    classes: dict[type, None] = {}
+    seen: dict[int, Any] = {}
+    stack = [predictor]
+    while stack:
+        value = stack.pop()
+        if id(value) in seen or isinstance(value, type):
+            continue
+        seen[id(value)] = value
+        if hasattr(value, "__dict__"):
+            classes |= {kind: None for kind in type(value).__mro__ if kind.__module__.partition(".")[0] not in FOREIGN}
+            value = vars(value)
+        if isinstance(value, Mapping):
+            stack += value.values()
+        elif isinstance(value, (list, tuple, set, frozenset)):
+            stack += value
+    return list(classes)
 
 
-def _attributes(kind: type) -> dict[str, Any]:
-    """The data among the attributes of a class: no methods, properties or slots."""
+def _data(kind: type) -> dict[str, Any]:
+    """The attributes of a class that are data: no methods, properties or slots."""
     return {
         key: value
         for key, value in vars(kind).items()
@@ -78,10 +80,9 @@ def _attributes(kind: type) -> dict[str, Any]:
     }
 
 
-def _copies(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Copies of those attributes that can be copied."""
-    copies = {}
-    for key, value in attributes.items():
-        with contextlib.suppress(Exception):
-            copies[key] = copy.deepcopy(value)
-    return copies
+def _copied(value: Any) -> Any:
+    """A copy, or the value itself if it cannot be copied."""
+    try:
+        return copy.deepcopy(value)
+    except Exception:
+        return value

@@ -1,12 +1,11 @@
-"""Evaluation on a stream: a forecast is stored, scored when its ground truth is known, and only then learned from."""
+"""Evaluation on a stream: each forecast is stored, scored when its ground truth is known, and then learned from."""
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable
-from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +13,11 @@ from motion_gym import catalog
 from motion_gym.contract import FUTURE, DataError, Domain, Predictor, PredictorError, SpecError
 from motion_gym.online.checkpoints import Checkpoint, identity_of
 from motion_gym.online.class_memory import no_class_memory
-from motion_gym.online.run import Options, Run
+from motion_gym.online.run import Run
 from motion_gym.online.scores import OnlineCard, SegmentScore, curve_of, returns_of, shifts_of, summary_of
 from motion_gym.online.streams import Stream, stream
 from motion_gym.scoring.cards import declared_leaks, peak_memory
+from motion_gym.specs import number, one_of
 from motion_gym.stepping.harness import copied, name_of, ready, selection_of
 
 LABELS = {
@@ -48,10 +48,10 @@ def evaluate_online(
     checkpoint: Path | None = None,
     report: Report = lambda done, of, what: None,
 ) -> OnlineCard:
-    """Let a predictor run over a stream, and learn from it if it can.
+    """Run a predictor over a stream, and let it learn if it has ``observe``.
 
-    At each step: reveal the ground truth that is due, score the stored forecasts, let the predictor observe, ask for
-    new forecasts and store them. With the defaults, the scores are those of this loop:
+    Each step reveals the ground truth that is due, scores the stored forecasts, lets the predictor observe, asks for
+    new forecasts and stores them. With the defaults, the scores equal those of this loop:
 
     >>> import motion_gym
     >>> from motion_gym.metrics.errors import ade
@@ -69,29 +69,29 @@ def evaluate_online(
 
     Args:
         predictor: A name, a spec, ``"module:Class"`` or a predictor; a copy of it runs. Adapters are predictors.
-        on: A stream, or a domain, whose test split is played whole.
+        on: A stream, or a domain, whose whole test split is played.
         labels: When ground truth is revealed, see ``LABELS``.
-        scope: What is forgotten when, see ``SCOPES``.
-        realtime: The stream does not wait: an update that takes ``c`` seconds is of use from the first step that
-            begins ``c`` seconds later, and ground truth that comes while it is under way is lost to the predictor.
-        cost: Seconds that each update is declared to take, so that the result repeats exactly; None to measure them.
+        scope: When learned state is forgotten, see ``SCOPES``.
+        realtime: The stream does not wait: an update that takes ``c`` seconds takes effect at the first step that
+            begins ``c`` seconds later, and the predictor misses ground truth that is revealed during the update.
+        cost: Declared seconds of each update, so that the result repeats exactly; None to measure the seconds.
         seed: Seed of a stochastic predictor's samples.
-        checkpoint: File from which a stopped run is continued, written each minute and deleted at the end. It continues
-            the same run only, predictor included, and only files that this user wrote are read.
-        report: Called now and then with the number of steps done, of all, and what is played.
+        checkpoint: File from which a stopped run continues, written each minute and deleted at the end. The file
+            continues the same run with the same predictor only, and must be written by the same user.
+        report: Called every 50 steps with the number of steps done, the number of all steps, and a description.
 
     Returns:
         OnlineCard.
 
     Raises:
-        SpecError: a name or option is not known or not allowed, or the checkpoint is of another run or user.
-        PredictorError: the predictor broke its contract: it learned when it was asked, for example, or it keeps in its
-            class what it learned.
-        DataError: data is missing or damaged.
+        SpecError: A name or option is not known or not allowed, or the checkpoint is of another run or user.
+        PredictorError: The predictor broke its contract: for example, predict learned, or the class stores learned
+            state.
+        DataError: Data is missing or damaged.
     """
     cost = check_options(labels, scope, realtime, cost)
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
-    options = Options(labels, scope, realtime, cost, seed)
+    options: dict[str, Any] = dict(labels=labels, scope=scope, realtime=realtime, cost=cost, seed=seed)
     played = on if isinstance(on, Stream) else stream(on)
     runner = ready(copied(predictor), played.domains[0], seed)
     name = predictor if isinstance(predictor, str) else name_of(runner)
@@ -99,10 +99,10 @@ def evaluate_online(
         raise PredictorError(f"{name} learns (`observe`) and cannot forget: `scope=place` needs a method `reset`.")
     kept = None
     if checkpoint is not None:
-        identity = identity_of(runner, played, dataclasses.asdict(options), name)
+        identity = identity_of(runner, played, options, name)
         kept = Checkpoint(Path(checkpoint), identity)
     with no_class_memory(runner, name):
-        run = Run(runner, played, options)
+        run = Run(runner, played, **options)
         if kept is not None and (before := kept.load()) is not None:
             run.go_on(before)
         _play(run, name, kept, report)
@@ -125,23 +125,21 @@ def _play(run: Run, name: str, checkpoint: Checkpoint | None, report: Report) ->
 
 def check_options(labels: str, scope: str, realtime: bool, cost: float | None) -> float | None:
     """The cost as a float; SpecError if an option of ``evaluate_online`` is not known or not allowed."""
-    for name, value, allowed in (("labels", labels, LABELS), ("scope", scope, SCOPES)):
-        if not isinstance(value, str) or value not in allowed:
-            raise SpecError(f"`{name}={value}` is not known.{catalog.suggest(str(value), allowed)}")
+    one_of("labels", labels, LABELS)
+    one_of("scope", scope, SCOPES)
     if not isinstance(realtime, bool):
         raise SpecError(f"`realtime={realtime}` must be True or False.")
     if cost is None:
         return None
-    if isinstance(cost, bool) or not isinstance(cost, Real) or not 0 <= cost < np.inf:
-        raise SpecError(f"`cost={cost}` must be a number of seconds, 0 or more.")
+    cost = number("cost", cost)
     if not realtime:
-        raise SpecError(f"`cost={cost}` is of use in realtime only: add realtime, or leave it out.")
-    return float(cost)
+        raise SpecError(f"`cost={cost}` needs realtime: add realtime, or leave cost out.")
+    return cost
 
 
 def _card(run: Run, name: str) -> OnlineCard:
     """The scores of a run that is over."""
-    played, options, dt = run.stream, run.options, run.stream.dt
+    played, dt = run.stream, run.stream.dt
     matured = np.isfinite(run.columns["ade"])
     if not matured.any():
         raise DataError(f"No forecast matured on {played.name}: give a stream on which people stay for 20 steps.")
@@ -176,13 +174,13 @@ def _card(run: Run, name: str) -> OnlineCard:
             }
             for label, card in cards.items()
         },
-        labels=options.labels,
-        scope=options.scope,
-        realtime=options.realtime,
-        cost=options.cost,
+        labels=run.labels,
+        scope=run.scope,
+        realtime=run.realtime,
+        cost=run.cost,
         protocol="honest",
         k=1,
-        seed=options.seed,
+        seed=run.seed,
         ade=summary_of(ade, person, made),
         fde=summary_of(fde, person, made),
         censored=int((~matured).sum()),

@@ -1,4 +1,4 @@
-"""A predictor that each agent has a copy of, which learns from the scenes that its agent is in, others included."""
+"""A predictor with a copy for each agent, which learns from the scenes of its agent."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.harness import ask, guarded, tell
 
 COUNTS = ("updates", "rolled_back")
-"""What adapters count; here, of all copies together."""
+"""Counts that adapters keep, here summed over all copies."""
 
 
 class PerAgent:
-    """Around a predictor: a copy for each agent, which learns from the scenes that the agent is in.
+    """A copy of a predictor for each agent, which learns from the scenes of its agent, other agents included.
 
-    A copy is made when there is something to learn from for the first time, and dropped with the last scene that its
-    agent is in.
+    A copy is made at the first observation of its agent, and dropped at the first observation without its agent.
 
     Args:
         of: The predictor, as it is at the start of a stream.
@@ -36,13 +35,13 @@ class PerAgent:
                 setattr(self, count, 0)
 
     def __getattr__(self, name: str) -> Any:
-        # What the predictor says of itself, as its name; not what copying and pickling look for before there is a base.
+        # Attributes of the predictor, as its name, but none that copying and pickling read before there is a base.
         if name.startswith("__") or name in ("base", "own", "tune", *COUNTS):
             raise AttributeError(name)
         return getattr(self.base, name)
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
-        """Each agent's forecast by its own copy, which sees the whole scene."""
+        """Forecast each agent by its own copy, which observes the whole scene."""
         positions = ask(self.base, observation, samples, seed).positions
         for agent in np.intersect1d(observation.agent, list(self.own)).tolist():
             rows = observation.agent == agent
@@ -50,7 +49,7 @@ class PerAgent:
         return Forecast(positions)
 
     def observe(self, truth: Truth) -> None:
-        """Let the copy of each agent see the scenes that the agent is in."""
+        """Let the copy of each agent observe the scenes of the agent."""
         seen = truth.observation
         present = np.unique(seen.agent).tolist()
         for agent in present:

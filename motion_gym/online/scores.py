@@ -1,4 +1,4 @@
-"""Scores of a predictor that learns while it runs: over time, by segment, after a shift, and on return."""
+"""Scores of a predictor on a stream: over time, by segment, after a shift, and on return to a domain."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from motion_gym.metrics.bootstrap import Summary, clustered_interval, replicates
 from motion_gym.scoring.cards import in_json
 
 TRAIL = 50
-"""Matured forecasts of a trailing mean."""
+"""Number of matured forecasts in a trailing mean."""
 EVERY = 10
-"""Matured forecasts from one point after a shift to the next."""
+"""Number of matured forecasts between two points after a shift."""
 BLOCK = 100
-"""Matured forecasts of a block, by which recovery from a shift is judged."""
+"""Number of matured forecasts in a block, the unit of recovery from a shift."""
 PHASE = 600
-"""Matured forecasts that a phase must hold for recovery to be judged in it."""
+"""Least number of matured forecasts of a phase in which recovery is computed."""
 WITHIN = 1.1
-"""A block is recovered when its error is at most this many times that of the oracle's block of the same time."""
+"""A block is recovered if its error is at most this multiple of the error of the oracle's block."""
 POINTS = 200
 """Most points of a curve."""
 
 
 @dataclass(frozen=True)
 class SegmentScore:
-    """What a predictor did on one segment of a stream.
+    """Scores of a predictor on one segment of a stream.
 
     Attributes:
         domain: Spec.
         start: Seconds from the start of the stream.
         stop: Seconds from the start of the stream.
         ade: ADE of the forecasts made here that matured.
-        fde: FDE of the same.
+        fde: FDE of the same forecasts.
         censored: Forecasts whose agent left before their last step, or before the segment's end.
         updates: Updates in this segment.
     """
@@ -54,7 +54,7 @@ class Shift:
     """A change from one domain to another.
 
     Attributes:
-        segment: Number of the segment that it begins.
+        segment: Number of the segment that begins.
         at: Seconds from the start of the stream.
         before: ADE over the segment before, metres.
         after: Rows of: matured forecasts since the shift, seconds since the shift until the last of them matured, and
@@ -71,7 +71,7 @@ class Shift:
 
 
 class Recovery(NamedTuple):
-    """When a predictor recovered from a shift for good: matured forecasts and seconds after the shift."""
+    """Time of the recovery from a shift: matured forecasts and seconds after the shift."""
 
     forecasts: int
     seconds: float
@@ -79,15 +79,15 @@ class Recovery(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OnlineCard:
-    """What came out of a stream, and how.
+    """The scores of a predictor on a stream, and how they were computed.
 
     Attributes:
         predictor: Name or spec.
         stream: Name.
         domains: Cards of the domains, by spec.
         labels: ``matured`` or ``stepwise``.
-        scope: What a reset is for: ``stream``, ``place`` or ``agent``.
-        realtime: Whether the stream waited for no update.
+        scope: Scope of learned state: ``stream``, ``place`` or ``agent``.
+        realtime: Whether the stream did not wait for updates.
         cost: Declared seconds of an update, None where they were measured.
         protocol: Always ``honest``.
         k: Samples.
@@ -100,18 +100,18 @@ class OnlineCard:
             made.
         shifts: Changes of the domain after which at least 50 forecasts matured.
         returns: Rows of domain, ADE of its first visit, and of a later one, where at least 50 forecasts matured.
-        updates: Times that the predictor learned.
-        rolled_back: Updates that were taken back, since they made weights that are not finite.
-        skipped: Steps at which truth came and an update was under way (realtime).
-        update_seconds: Median and 95th percentile of a call of ``observe``, also of those that only remember.
-        tick_seconds: Median and 95th percentile of a step: an update, if there is one, and the forecasts.
+        updates: Number of updates.
+        rolled_back: Number of updates that were rolled back because of weights that are not finite.
+        skipped: Number of steps at which ground truth was revealed during an update (realtime).
+        update_seconds: Median and 95th percentile of a call of ``observe``, with or without an update.
+        tick_seconds: Median and 95th percentile of a step: the update, if there is one, and the forecasts.
         peak_memory: Bytes, of the whole process.
-        oracle: Whether the predictor is told what no forecaster can know.
-        leaks: What reads the future on purpose.
+        oracle: Whether the predictor is an oracle.
+        leaks: Declared leaks of the future.
         selection: How weights were selected.
-        values: ADE of each matured forecast, in order of being made; not written to files.
-        made: Listed frame at which each was made; not written to files.
-        person: Agent that each is about, numbered over the stream; not written to files.
+        values: ADE of each matured forecast, in the order of the forecasts; not written to files.
+        made: Listed frame of each forecast; not written to files.
+        person: Agent of each forecast, numbered over the stream; not written to files.
     """
 
     predictor: str
@@ -145,7 +145,7 @@ class OnlineCard:
     person: np.ndarray
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it in plain types, except the values of each forecast."""
+        """All attributes in JSON types, except the values of each forecast."""
         fields = (f.name for f in dataclasses.fields(self) if f.name not in ("values", "made", "person"))
         plain: dict[str, Any] = {name: getattr(self, name) for name in fields}
         plain["aggregation"] = (
@@ -171,7 +171,7 @@ def summary_of(values: np.ndarray, person: np.ndarray, made: np.ndarray) -> Summ
 
 
 def trailing(values: np.ndarray, width: int = TRAIL) -> np.ndarray:
-    """[N] mean of each value and those before it, ``width`` in all, or as many as there are."""
+    """[N] mean of each value and the values before it, ``width`` values or all."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     last = np.arange(1, len(values) + 1)
     first = np.maximum(last - width, 0)
@@ -191,9 +191,9 @@ def shifts_of(
     """The shifts of a stream.
 
     Args:
-        values: [N] errors of matured forecasts, in order of being made.
-        segment: [N] segments that they were made in.
-        seconds: [N] when they matured, from the start of the stream.
+        values: [N] errors of matured forecasts, in the order of the forecasts.
+        segment: [N] segment of each forecast.
+        seconds: [N] time at which each forecast matured, from the start of the stream.
         labels: Domain of each segment.
         starts: Seconds at which each segment begins.
     """
@@ -236,9 +236,9 @@ def returns_of(visits: Sequence[tuple[str, float | None, int]]) -> list[tuple[st
 
 
 def recovery(shift: Mapping[str, Any], oracle: Mapping[str, Any]) -> Recovery | None:
-    """When a predictor is within 10 % of the oracle in every later block of the phase; None if it is censored.
+    """Time from which a predictor is within 10 % of the oracle in every block of the phase; None if censored.
 
-    A low first block counts for nothing if a later block is high again: the recovery must last until the phase ends.
+    The recovery must last until the phase ends: a low block does not count if a later block is high.
 
     Args:
         shift: A shift of a result, as ``as_dict`` gives it.
@@ -260,12 +260,12 @@ def recovery(shift: Mapping[str, Any], oracle: Mapping[str, Any]) -> Recovery | 
 
 
 def after_first(result: Mapping[str, Any]) -> float:
-    """Mean ADE, metres, over the segments after the first one; over all if there is one only."""
+    """Mean ADE, metres, over the segments after the first one, or over the only one."""
     parts = result["segments"][1:] or result["segments"]
     counted = [(s["ade"]["mean"], s["ade"]["agent_windows"]) for s in parts if s["ade"]["agent_windows"]]
     return sum(mean * n for mean, n in counted) / sum(n for _, n in counted) if counted else float("nan")
 
 
 def gain(none: float, adapted: float, oracle: float) -> float:
-    """(none - adapted) / (none - oracle): 0 without adaptation, 1 if like the oracle; NaN if that is no better."""
+    """(none - adapted) / (none - oracle): 0 without adaptation, 1 as the oracle; NaN if the oracle is no better."""
     return (none - adapted) / (none - oracle) if none > oracle else float("nan")

@@ -1,4 +1,4 @@
-"""Streams: one domain after another, frame by frame, so that a predictor meets a shift while it runs."""
+"""Streams: one domain after another, frame by frame, so that the domain shifts while a predictor runs."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ from motion_gym import catalog
 from motion_gym.contract import WINDOW, Domain, Recording, SpecError
 from motion_gym.data.domains import spec_of
 from motion_gym.data.windows import positions_only
+from motion_gym.specs import one_of
 from motion_gym.stepping.stream_clock import StreamClock
 
 KINDS = {
     "sudden": "one domain after the other, each once",
-    "gradual": "from one domain to the next in blocks, of which more and more are of the next",
-    "recurring": "one domain after the other, and all over again",
+    "gradual": "from one domain to the next in blocks, with a growing share of the next",
+    "recurring": "one domain after the other, and then all of them again",
     "mixed": "blocks of all domains in random order",
 }
 BLOCKS = 10
-"""Blocks that the visit of a domain is cut into where domains mix."""
+"""Number of blocks of a visit of a domain in gradual and mixed streams."""
 MOST_FRAMES = 4000
-"""Frames of a visit where no number is asked for."""
+"""Most frames of a visit if ``frames`` is not given."""
 UNIT = WINDOW
-"""Visits begin and end at multiples of this many frames: simulated scenes are as long, and stay whole."""
+"""Visits begin and end at multiples of this number of frames, the length of a simulated scene."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """Some listed frames of a domain, which a stream plays without a break.
+    """Consecutive listed frames of a domain.
 
     Attributes:
         domain: A name, a spec or a domain.
         start: First listed frame, counted over all recordings of the split.
-        stop: Behind the last one.
+        stop: One more than the last listed frame.
     """
 
     domain: str | Domain
@@ -48,17 +49,17 @@ class Segment:
 class Stream:
     """Segments of domains, played one after another.
 
-    Nobody is carried over from one segment to the next: who is seen on both sides is two agents, and forecasts
-    that are outstanding are censored. No frame is played twice, since a future that was shown once could be known.
+    A person on both sides of a border between segments is two agents, and outstanding forecasts are censored there. No
+    frame is played twice, since a predictor could know a future that was shown once.
 
     Args:
-        segments: In the order in which they are played.
-        split: Which split of all domains.
-        name: For tables; by default the domains.
+        segments: Segments in the order in which they are played.
+        split: Split of all domains.
+        name: Name for tables; by default the domains.
 
     Raises:
-        SpecError: there is no segment, one is of an unknown domain, empty or longer than the domain, two show the same
-            frames, or domains have other steps or features than others.
+        SpecError: There is no segment, a domain is not known, a segment is empty or longer than its domain, two
+            segments show the same frames, or the domains differ in their steps or features.
     """
 
     def __init__(self, segments: Sequence[Segment], split: str = "test", name: str | None = None):
@@ -70,26 +71,19 @@ class Stream:
         for segment in segments:
             for edge in ("start", "stop"):
                 catalog.whole_number(f"{edge} of a segment", getattr(segment, edge), 0, 10**9)
-        self.split, made = split, {}
-        for segment in segments:
-            key = segment.domain if isinstance(segment.domain, str) else id(segment.domain)
-            if key not in made:
-                made[key] = catalog.domain(segment.domain)
-        places = [made[s.domain if isinstance(s.domain, str) else id(s.domain)] for s in segments]
+        named = {s.domain: catalog.domain(s.domain) for s in segments if isinstance(s.domain, str)}
+        places = [named[s.domain] if isinstance(s.domain, str) else catalog.domain(s.domain) for s in segments]
+        self.split = split
         self.segments = [dataclasses.replace(s, domain=p) for s, p in zip(segments, places, strict=True)]
-        self.domains: list[Domain] = list(made.values())
+        self.domains: list[Domain] = list({id(place): place for place in places}.values())
         self.labels = [spec_of(place) for place in places]
         """Specs of the domains of the segments."""
         _check_kinds(self.domains)
         _check_overlap(self.segments)
-        parts, features, ends = [], [], []
-        frames = {id(place): frames_of(place, split) for place in self.domains}
-        for segment, place in zip(self.segments, places, strict=True):
-            cut = _cut(place.recordings(split), segment, frames[id(place)])
-            parts += cut
-            features += [getattr(place, "history", positions_only)] * len(cut)
-            ends.append(segment.stop - segment.start)
-        self.ends = np.cumsum(ends)
+        cuts = [_cut(place, split, segment) for segment, place in zip(self.segments, places, strict=True)]
+        features = [getattr(p, "history", positions_only) for p, cut in zip(places, cuts, strict=True) for _ in cut]
+        parts = [recording for cut in cuts for recording in cut]
+        self.ends = np.cumsum([segment.stop - segment.start for segment in segments])
         """[segments] listed frame of the stream behind each segment."""
         self.clock = StreamClock(parts, features)
         self.dt = self.clock.dt
@@ -114,25 +108,24 @@ def stream(
     seed: int = 0,
     split: str = "test",
 ) -> Stream:
-    """A stream over domains.
+    """Make a stream over domains.
 
-    Domains that show the same place (as ``eth:alpha=1`` and ``eth:alpha=64``, or crowds of other styles, which begin
-    alike) share its frames: each visit goes on where the last one ended.
+    Domains of one place (as ``eth:alpha=1`` and ``eth:alpha=64``, or crowds of different styles, which begin alike)
+    share its frames: each visit starts where the last one ended.
 
     Args:
-        domains: One or several: names, specs or domains.
+        domains: One or several names, specs or domains.
         kind: ``sudden``, ``gradual``, ``recurring`` or ``mixed``, see ``KINDS``.
-        frames: Listed frames of each visit of a domain, rounded down to a multiple of 20, or, in blocks, of 200; by
-            default as many as there are, and at most 4000; a single domain is played whole.
-        cycles: Visits of each domain where they recur or mix.
-        seed: Which part of a place is played, where there is more than is needed, and the order of blocks.
-        split: Which split of all domains.
+        frames: Listed frames of each visit of a domain, rounded down to a multiple of 20, or of 200 in blocks. By
+            default all frames, and at most 4000; a single domain is played whole.
+        cycles: Visits of each domain in recurring and mixed streams.
+        seed: Seed of the part of a place that is played, if it has more frames, and of the order of blocks.
+        split: Split of all domains.
 
     Raises:
-        SpecError: a name, kind or number is not known or not allowed, or there are not enough frames.
+        SpecError: A name, kind or number is not known or not allowed, or there are not enough frames.
     """
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise SpecError(f"There is no kind of stream `{kind}`.{catalog.suggest(str(kind), KINDS)}")
+    one_of("kind", kind, KINDS)
     seed = catalog.whole_number("seed", seed, 0, 2**31)
     cycles = catalog.whole_number("cycles", cycles, 1, 1000)
     if isinstance(domains, (set, frozenset, dict)):
@@ -140,15 +133,13 @@ def stream(
     places = [catalog.domain(d) for d in (domains if isinstance(domains, (list, tuple)) else [domains])]  # type: ignore[arg-type]
     if not places:
         raise SpecError("A stream needs at least one domain, as orca:d=0.3.")
-    _check_kinds(places)
     if len(places) == 1 and frames is None and kind == "sudden":
         return Stream([Segment(places[0], 0, frames_of(places[0], split))], split)
     visits = list(range(len(places))) * (cycles if kind in ("recurring", "mixed") else 1)
-    there: dict[str, int] = {}
-    for place in places:
-        there[place.world] = min(frames_of(place, split), there.get(place.world, 10**12))
-    wanted = {w: sum(places[v].world == w for v in visits) for w in there}
-    most = min(there[w] // wanted[w] for w in there) // UNIT * UNIT
+    worlds = [place.world for place in places]
+    available = {w: min(frames_of(p, split) for p in places if p.world == w) for w in dict.fromkeys(worlds)}
+    number = {world: sum(worlds[visit] == world for visit in visits) for world in available}
+    most = min(available[world] // number[world] for world in available) // UNIT * UNIT
     if frames is None:
         frames = max(min(most, MOST_FRAMES), UNIT)
     if catalog.whole_number("frames", frames, UNIT, 10**9) % UNIT:
@@ -157,35 +148,34 @@ def stream(
             stacklevel=2,
         )
     frames = frames // UNIT * UNIT
-    if kind in ("gradual", "mixed") and frames < BLOCKS * UNIT:
+    in_blocks = kind in ("gradual", "mixed")
+    if in_blocks and frames < BLOCKS * UNIT:
         raise SpecError(
             f"`frames={frames}`: `{kind}` cuts a visit into {BLOCKS} blocks of at least {UNIT} frames, give "
             f"{BLOCKS * UNIT} or more; there are {most} for each."
         )
     if frames > most:
-        short = min(there, key=lambda w: there[w] // wanted[w])
+        short = min(available, key=lambda world: available[world] // number[world])
         raise SpecError(
-            f"`frames={frames}`: {short} has {there[short]} frames in split `{split}`, for {wanted[short]} visits "
+            f"`frames={frames}`: {short} has {available[short]} frames in split `{split}`, for {number[short]} visits "
             f"of at least {UNIT} frames: "
             + (f"ask for at most {most}." if most else "ask for fewer visits (`cycles`), or for other domains.")
         )
     rng = np.random.default_rng([seed, len(places)])
-    begins = {w: int(rng.integers((there[w] - wanted[w] * frames) // UNIT + 1)) * UNIT for w in there}
-    order = visits if kind in ("sudden", "recurring") else _blocks(kind, visits, len(places), rng)
-    length = frames if kind in ("sudden", "recurring") else max(frames // BLOCKS // UNIT, 1) * UNIT
-    longest = {w: begins[w] + wanted[w] * frames for w in there}
+    next_frame = {w: int(rng.integers((available[w] - number[w] * frames) // UNIT + 1)) * UNIT for w in available}
+    end = {world: next_frame[world] + number[world] * frames for world in available}
+    order = _blocks(kind, visits, len(places), rng) if in_blocks else visits
+    length = max(frames // BLOCKS // UNIT, 1) * UNIT if in_blocks else frames
     segments: list[Segment] = []
-    for number in order:
-        world = places[number].world
-        start, stop = begins[world], min(begins[world] + length, longest[world])
+    for place in (places[index] for index in order):
+        start, stop = next_frame[place.world], min(next_frame[place.world] + length, end[place.world])
         if stop <= start:
-            continue  # chance has asked for more blocks of a place than there are
-        begins[world] = stop
-        goes_on = kind in ("gradual", "mixed") and segments and segments[-1].domain is places[number]
-        if goes_on and segments[-1].stop == start:
+            continue  # the random order has more blocks of a place than it has frames
+        next_frame[place.world] = stop
+        if in_blocks and segments and segments[-1].domain is place and segments[-1].stop == start:
             segments[-1] = dataclasses.replace(segments[-1], stop=stop)
-            continue
-        segments.append(Segment(places[number], start, stop))
+        else:
+            segments.append(Segment(place, start, stop))
     return Stream(segments, split, stream_name(places, kind, frames, cycles=cycles, seed=seed, split=split))
 
 
@@ -198,14 +188,14 @@ def stream_name(
     seed: int = 0,
     split: str = "test",
 ) -> str:
-    """Name of what ``stream`` gives, without reading any data."""
+    """Name of the result of ``stream``, computed without data."""
     name = f"{kind}({', '.join(spec_of(catalog.domain(d)) for d in domains)}; frames={frames // UNIT * UNIT}"
     name += f", cycles={cycles}" if kind in ("recurring", "mixed") else ""
     return f"{name}, seed={seed}{'' if split == 'test' else f', {split}'})"
 
 
 def _blocks(kind: str, visits: Sequence[int], places: int, rng: np.random.Generator) -> list[int]:
-    """Which place each block is of."""
+    """Number of the place of each block."""
     count = len(visits) * BLOCKS
     if kind == "mixed":
         return [int(v) for v in rng.permutation(np.repeat(visits, BLOCKS))]
@@ -219,15 +209,18 @@ def frames_of(domain: Domain, split: str) -> int:
     return sum(len(np.unique(recording.frame)) for recording in domain.recordings(split))
 
 
-def _cut(recordings: Sequence[Recording], segment: Segment, frames: int) -> list[Recording]:
-    if not 0 <= segment.start < segment.stop <= frames:
+def _cut(domain: Domain, split: str, segment: Segment) -> list[Recording]:
+    """The recordings of a segment; SpecError if the domain does not have its frames."""
+    recordings = domain.recordings(split)
+    frames = [np.unique(recording.frame) for recording in recordings]
+    most = sum(map(len, frames))
+    if not segment.start < segment.stop <= most:
         raise SpecError(
-            f"A segment of {spec_of(segment.domain)} has frames {segment.start} to {segment.stop}: it must have at "  # type: ignore[arg-type]
-            f"least one, from 0 up to {frames}."
+            f"A segment of {spec_of(domain)} has frames {segment.start} to {segment.stop}: it must have at least one "
+            f"frame, and end at {most} at most."
         )
     parts, first = [], 0
-    for recording in recordings:
-        listed = np.unique(recording.frame)
+    for recording, listed in zip(recordings, frames, strict=True):
         chosen = listed[max(segment.start - first, 0) : max(segment.stop - first, 0)]
         first += len(listed)
         if len(chosen):
@@ -259,6 +252,6 @@ def _check_overlap(segments: Sequence[Segment]) -> None:
             if same and one.start < other.stop and other.start < one.stop:
                 raise SpecError(
                     f"Two segments overlap: both play frames {max(one.start, other.start)} to "
-                    f"{min(one.stop, other.stop)} of {one.domain.world}. What was shown once could be known: "  # type: ignore[union-attr]
+                    f"{min(one.stop, other.stop)} of {one.domain.world}. A predictor could remember it: "  # type: ignore[union-attr]
                     "give each segment frames of its own."
                 )

@@ -1,4 +1,4 @@
-"""The oracle of a stream: at each moment, a predictor that was trained where the stream now is."""
+"""The oracle of a stream: at each time, a predictor that was trained on the current domain."""
 
 from __future__ import annotations
 
@@ -12,60 +12,66 @@ from motion_gym.data.windows import pick_scenes
 from motion_gym.stepping.harness import ask, name_of, selection_of, tell
 
 REFERENCES = 64
-"""Reference scenes of the domain that a predictor with a style is shown."""
+"""Number of reference scenes that a predictor with a style observes."""
 
 
 class TargetOracle:
-    """Told which domain is played, takes the predictor that was trained for it; one with a style is shown references.
+    """Uses the predictor that was trained for the current domain; a predictor with a style observes reference scenes.
 
     Args:
-        predictors: Specs of predictors by spec of the domain; one alone for all domains.
+        predictors: Specs of predictors by spec of the domain, or one spec for all domains.
 
     Raises:
-        SpecError: a name is not known.
-        PredictorError: weights are missing.
+        SpecError: A name is not known.
+        PredictorError: Weights are missing.
     """
 
     def __init__(self, predictors: str | Mapping[str, str]):
         self.by_domain = predictors
         specs = [predictors] if isinstance(predictors, str) else predictors.values()
-        self._made: dict[str, Any] = {spec: catalog.predictor(spec) for spec in specs}
-        for made in self._made.values():
-            if getattr(made, "fitted", True) is False:
-                raise PredictorError(f"{name_of(made)} is not trained, and cannot be an oracle: name one with weights.")
-        self._now = ""
+        self._predictors: dict[str, Any] = {spec: catalog.predictor(spec) for spec in specs}
+        for predictor in self._predictors.values():
+            if getattr(predictor, "fitted", True) is False:
+                raise PredictorError(
+                    f"{name_of(predictor)} is not trained, and cannot be an oracle: name one with weights."
+                )
+        self._current = ""
 
     @property
     def name(self) -> str:
-        """Whose forecasts these are."""
+        """Name with the specs of the predictors."""
         each = [self.by_domain] if isinstance(self.by_domain, str) else dict.fromkeys(self.by_domain.values())
         return f"oracle({', '.join(each)})"
 
     @property
     def selection(self) -> str:
-        """How weights were selected."""
-        return "; ".join(dict.fromkeys(selection_of(made) for made in self._made.values()))
+        """How the weights were selected."""
+        return "; ".join(dict.fromkeys(selection_of(predictor) for predictor in self._predictors.values()))
 
     @property
     def trained_on(self) -> tuple[str, ...]:
         """Names of the domains whose windows the weights were trained on."""
-        return tuple(dict.fromkeys(name for made in self._made.values() for name in getattr(made, "trained_on", ())))
+        return tuple(
+            dict.fromkeys(
+                name for predictor in self._predictors.values() for name in getattr(predictor, "trained_on", ())
+            )
+        )
 
     def know(self, domain: Domain) -> None:
-        """Take the predictor of a domain.
+        """Use the predictor of a domain.
 
         Raises:
-            SpecError: there is none for it.
+            SpecError: There is no predictor for the domain.
         """
         spec = spec_of(domain)
         if not isinstance(self.by_domain, str) and spec not in self.by_domain:
             raise SpecError(f"There is no oracle for {spec}; there are some for {', '.join(self.by_domain)}.")
-        self._now = self.by_domain if isinstance(self.by_domain, str) else self.by_domain[spec]
-        made = self._made[self._now]
-        if hasattr(made, "observe"):
-            made.reset()
-            tell(made, pick_scenes(domain.reference(), slice(0, REFERENCES)))
+        self._current = self.by_domain if isinstance(self.by_domain, str) else self.by_domain[spec]
+        predictor = self._predictors[self._current]
+        if hasattr(predictor, "observe"):
+            predictor.reset()
+            tell(predictor, pick_scenes(domain.reference(), slice(0, REFERENCES)))
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
-        """Forecast of the predictor taken."""
-        return ask(self._made[self._now], observation, samples, seed)
+        """Forecast of the current predictor."""
+        return ask(self._predictors[self._current], observation, samples, seed)

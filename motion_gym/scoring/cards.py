@@ -1,4 +1,4 @@
-"""What the scorecards of windows and of streams share: what they declare, and how they become JSON."""
+"""Common parts of the scorecards of windows and streams: declared leaks, and JSON."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from motion_gym.data.overlap import trained_on_scored
 def declared_leaks(
     domain: Domain, predictor: Any, split: str = "test", *, leaking: bool = False, selected: bool = False
 ) -> tuple[str, ...]:
-    """What reads the future on purpose, as sentences.
+    """Declared leaks of the future, as sentences.
 
     Args:
         domain: The domain that is scored.
-        predictor: Its ``trained_on`` and ``chosen_on`` name the domains whose windows its weights were trained on, and
-            its settings were chosen on.
+        predictor: The predictor; ``trained_on`` and ``chosen_on`` name the domains on whose windows its weights were
+            trained and its settings were chosen.
         split: The split that is scored.
         leaking: Whether the style is read from the scored scenes.
         selected: Whether the predictor was tuned on validation scenes of the domain.
     """
     leaks = []
-    for attribute, did in (("trained_on", "weights were trained"), ("chosen_on", "settings were chosen")):
+    for attribute, action in (("trained_on", "weights were trained"), ("chosen_on", "settings were chosen")):
         for name in _domains_of_same_people(getattr(predictor, attribute, ()), domain, split):
-            leaks.append(f"the {did} on windows of {name} that are scored here")
+            leaks.append(f"the {action} on windows of {name} that are scored here")
     if domain.card.side_channels:
         leaks.append(f"oracle side channel: {', '.join(domain.card.side_channels)} reads the future")
     if selected:
@@ -45,13 +45,13 @@ def declared_leaks(
 
 
 def is_shipped(thing: Any) -> bool:
-    """Whether a domain or predictor is one of the catalog, and whatever predictor it is put around too."""
+    """Whether a domain or predictor, and every predictor that it adapts, ships with motion-gym."""
     inner = [value for value in getattr(thing, "__dict__", {}).values() if callable(getattr(value, "predict", None))]
     return type(thing).__module__.startswith("motion_gym.") and all(map(is_shipped, inner))
 
 
 def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) -> list[str]:
-    """Names of those domains whose training windows show people of a split of ``domain`` at the same time."""
+    """Names of the domains whose training windows show people of a split of ``domain`` at the same time."""
     if not names:
         return []
     sources = [domain, *(domain.sources() if hasattr(domain, "sources") else [])]
@@ -60,7 +60,7 @@ def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) ->
     for name in names:
         source = own.get(name)
         if source is None:
-            with contextlib.suppress(MotionGymError):  # a domain that is not known here
+            with contextlib.suppress(MotionGymError):  # an unknown domain
                 source = catalog.domain(name)
         if source is None or (source.world != domain.world and is_shipped(source) and is_shipped(domain)):
             continue
@@ -71,13 +71,13 @@ def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) ->
 
 
 def peak_memory() -> int:
-    """Bytes, of the whole process so far."""
+    """Peak memory of the process so far, bytes."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return int(peak if sys.platform == "darwin" else peak * 1024)
 
 
 def in_json(value: Any) -> Any:
-    """The value in JSON types; dataclasses become dicts, and what is not finite becomes None."""
+    """The value in JSON types; dataclasses become dicts, and NaN and infinities become None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = dataclasses.asdict(value)
     if isinstance(value, Mapping):

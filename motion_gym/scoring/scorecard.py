@@ -1,4 +1,4 @@
-"""What comes out of scoring: one card for one predictor on one domain, and one for several seeds of its weights."""
+"""Scorecards: one predictor on one domain, and several seeds of its weights."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ BASELINE = "constant_velocity"
 
 @dataclass(frozen=True, eq=False)
 class Scorecard:
-    """What came out, and how.
+    """The scores of a predictor on a domain, and how they were computed.
 
     Attributes:
         predictor: Name or spec.
         domain: Card of the domain.
-        spec: The domain in short.
+        spec: Spec of the domain.
         split: Split that was scored.
         protocol: ``honest`` or ``paper``.
-        k: Number of samples that were asked for.
-        samples: Samples that the predictor gave; 1 of a deterministic one stands for all k.
+        k: Requested number of samples.
+        samples: Number of samples of the forecast; the 1 sample of a deterministic predictor stands for all k.
         seed: Seed of a stochastic predictor's samples, and of the fit.
         metrics: Mean, interval and counts by name.
         horizon: [12] mean error of the most likely sample by future step, in the domain's unit.
         versus_baseline: Paired difference of ADE and FDE from constant velocity (negative is better).
-        oracle: Whether the predictor is told what no forecaster can know.
-        leaks: What reads the future on purpose: side channels of the domain, leaks of the protocol.
-        scored: Which agents were scored, how many, and how many the recordings hold.
+        oracle: Whether the predictor is an oracle.
+        leaks: Declared leaks of the future: side channels of the domain, leaks of the protocol.
+        scored: Kind and number of scored agents, and number of agents of the recordings.
         selection: How the weights were selected.
-        reference_scenes: Reference scenes that the predictor saw.
-        reference_draws: Draws of that many reference scenes that the means and intervals are over.
-        shots: Scenes of the training split of the domain that the predictor was tuned on, or read a style from.
-        weights_seed: Seed of the weights, where they hold one or several seeds.
+        reference_scenes: Number of reference scenes that the predictor observed.
+        reference_draws: Number of draws of reference scenes over which means and intervals are taken.
+        shots: Number of scenes of the training split on which the predictor was tuned, or from which it read a style.
+        weights_seed: Seed of the weights, if the weights name their seeds.
         verified: How it was verified that forecasts do not depend on later scenes.
         seconds: Wall time of the forecasts, fitting not included.
-        peak_memory: Bytes, of the whole process so far.
+        peak_memory: Peak memory of the process so far, bytes.
         values: [A] values per agent-window by name of the metric, means over the draws; not written to files.
-        truth: What was scored; not written to files.
+        truth: Scored ground truth; not written to files.
     """
 
     predictor: str
@@ -90,7 +90,7 @@ class Scorecard:
         return round(FUTURE * self.domain.dt, 6)
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it in JSON types, except the values per agent; NaN becomes None."""
+        """All attributes in JSON types, except the values per agent; NaN becomes None."""
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in ("values", "truth")}
         plain |= {"unit": self.domain.unit, "dt": self.domain.dt, "horizon_seconds": self.horizon_seconds}
         units = {row.name: row for row in metric_rows(self.k, self.domain.unit)}
@@ -159,7 +159,7 @@ def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
     """Paired, clustered difference a - b of one metric; both cards must be about the same agent-windows.
 
     Raises:
-        SpecError: the cards are about different windows, or lack the metric.
+        SpecError: The cards are about different windows, or lack the metric.
     """
     if not np.array_equal(a.truth.future, b.truth.future):
         raise SpecError("The two scorecards are about different windows: compare predictors on one domain and split.")
@@ -170,19 +170,19 @@ def compare(a: Scorecard, b: Scorecard, metric: str = "ADE") -> Difference:
 
 
 def who_was_scored(truth: Truth, recorded: Mapping[str, int]) -> str:
-    """Which agents were scored, as the truth itself says, and how many of those in the recordings.
+    """Kind and number of scored agents, and number of agents of the recordings.
 
     Args:
-        truth: What was scored.
-        recorded: Counts of the split, with those of the recordings.
+        truth: Scored ground truth.
+        recorded: Counts of the split, including those of the recordings.
     """
     least = int(np.diff(truth.observation.scene).min())
     complete = "agents complete over all 20 steps" if truth.known.all() else "agents, also those who left early"
-    said = complete + (f", at least {least} in every window" if least > 1 else "")
+    scored = complete + (f", at least {least} in every window" if least > 1 else "")
     if "recorded_agent_windows" not in recorded:
-        return said
+        return scored
     agents = len(np.unique(truth.observation.agent))
     return (
-        f"{said}: {len(truth.future)} of the {recorded['recorded_agent_windows']} agent-windows and {agents} of the "
+        f"{scored}: {len(truth.future)} of the {recorded['recorded_agent_windows']} agent-windows and {agents} of the "
         f"{recorded['recorded_agents']} agents of the recordings"
     )

@@ -1,8 +1,8 @@
 """Verification by order: a predictor is asked again in a fresh process, one scene at a time, in the order of time.
 
-Windows overlap: the history of a later one holds the future of an earlier one, and all of them are in one batch. A
-predictor that was asked about a batch may have used it, and may remember it. In the fresh process it is in the state
-that it had before it was asked anything, and no later scene has been shown.
+Windows overlap: the history of a later window holds the future of an earlier window, and one batch holds all windows. A
+predictor may have used the batch and may remember it. In the fresh process the predictor has the state that it had
+before its first forecast, and has not seen any later scene.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,50 +24,38 @@ from motion_gym.data.windows import pick_scenes_of, rows_of
 from motion_gym.stepping.harness import ask, name_of
 
 ASKED_AGAIN = 32
-"""Scenes of a deterministic predictor that are asked again."""
+"""Number of scenes for which a deterministic predictor is asked again."""
 TOLERANCE = 1e-4
 """Metres between the forecasts of a scene in a batch and alone, beyond the rounding of float32: a processor may choose
 another order of operations for a batch."""
 ANSWER = "import sys; sys.path[:] = {}; from motion_gym.scoring.verification import answer; answer(*{})"
-"""What the fresh process runs."""
+"""Code of the fresh process."""
 
 
-@dataclass(frozen=True)
-class Kept:
-    """A predictor as it was before it was asked anything.
+def keep(predictor: Any) -> tuple[Any, str]:
+    """The current state of a predictor, and why it cannot be pickled; this is empty if it can.
 
-    Attributes:
-        pickled: The predictor by cloudpickle, by which classes of a script travel too, with their class attributes as
-            they are; classes of importable modules are imported anew. None if it cannot be pickled.
-        predictor: A deep copy, where it cannot be pickled.
-        reason: Why it cannot be pickled.
+    The state is the predictor pickled by cloudpickle, which includes the classes of a script with their class
+    attributes; classes of importable modules are imported anew. If pickling fails, the state is a deep copy.
     """
-
-    pickled: bytes | None
-    predictor: Any = None
-    reason: str = ""
-
-
-def keep(predictor: Any) -> Kept:
-    """Keep a predictor as it is now."""
     try:
-        return Kept(cloudpickle.dumps(predictor))
+        return cloudpickle.dumps(predictor), ""
     except Exception as error:  # a class of a user may raise anything
-        return Kept(None, copy.deepcopy(predictor), f"{type(error).__name__}: {error}")
+        return copy.deepcopy(predictor), f"{type(error).__name__}: {error}"
 
 
-def verify(
-    predictor: Any, kept: Kept, observation: Observation, forecast: Forecast, samples: int, seed: int
+def verify_order(
+    predictor: Any, kept: tuple[Any, str], observation: Observation, forecast: Forecast, samples: int, seed: int
 ) -> tuple[Forecast, str]:
-    """Ask again in the order of time.
+    """Ask a predictor again, in the order of time.
 
-    Some scenes of a deterministic predictor are asked again, and must be forecast as in the batch. A stochastic
-    predictor may draw its noise for the whole batch, so that nothing can be compared: every scene is asked again, and
-    those forecasts are scored.
+    A deterministic predictor is asked again for some scenes, and must forecast them as in the batch. A stochastic
+    predictor may draw its noise for the whole batch, so that its forecasts cannot be compared: it is asked again for
+    every scene, and these forecasts are scored.
 
     Args:
-        predictor: The predictor that was asked about the batch.
-        kept: The predictor before that.
+        predictor: The predictor that forecast the batch.
+        kept: Its state before that, from ``keep``.
         observation: The batch.
         forecast: Its forecast of the batch.
         samples: K.
@@ -78,11 +65,11 @@ def verify(
         The forecast to score, and how it was verified.
 
     Raises:
-        PredictorError: forecasts in the order of time differ from those of the batch.
+        PredictorError: Forecasts in the order of time differ from those of the batch.
     """
     time = np.arange(observation.scenes) if observation.time is None else observation.time
     in_order = np.argsort(time, kind="stable")
-    # Of no seed, so that no predictor can know which scenes are looked at.
+    # Without a seed, so that no predictor can know which scenes are compared.
     chosen = np.random.default_rng().choice(len(in_order), min(ASKED_AGAIN, len(in_order)), replace=False)
     some = in_order[np.sort(chosen)]
     few = pick_scenes_of(observation, some)
@@ -103,31 +90,33 @@ def verify(
     off = np.abs(batch.positions - joined.positions).max(axis=(1, 2, 3)) if same else np.full(len(rows), np.inf)
     if (off > limit).any():
         raise PredictorError(
-            f"{name_of(predictor)} forecasts a scene otherwise when it is asked for that scene alone, in the order of "
+            f"{name_of(predictor)} forecasts a scene differently if it is asked for that scene alone, in the order of "
             f"time (by up to {off.max():.3f} m). The batch holds overlapping windows, and with them the future: "
             "forecast every scene from its own history, or score with through='environment'."
         )
     return forecast, f"{len(asked)} scenes asked again one by one, in the order of time, {where}"
 
 
-def _asked_in_order(kept: Kept, scenes: Sequence[Observation], samples: int, seed: int) -> tuple[list[Forecast], str]:
-    """Forecasts of scenes one by one, in a fresh process; or here, and why not there."""
-    reason = kept.reason
-    if kept.pickled is not None:
+def _asked_in_order(
+    kept: tuple[Any, str], scenes: Sequence[Observation], samples: int, seed: int
+) -> tuple[list[Forecast], str]:
+    """Forecasts of scenes one by one, in a fresh process; or in this process, with the reason."""
+    state, reason = kept
+    if isinstance(state, bytes):
         with tempfile.TemporaryDirectory() as folder:
             questions, answers = Path(folder) / "questions", Path(folder) / "answers"
-            questions.write_bytes(pickle.dumps((kept.pickled, scenes, samples, seed)))
+            questions.write_bytes(pickle.dumps((state, scenes, samples, seed)))
             code = ANSWER.format(sys.path, [str(questions), str(answers)])
             done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
             if done.returncode == 0:
                 return pickle.loads(answers.read_bytes()), ""
         reason = done.stderr.strip().rpartition("\n")[2][:200] or f"it ended with status {done.returncode}"
-    predictor = kept.predictor if kept.pickled is None else pickle.loads(kept.pickled)
+    predictor = pickle.loads(state) if isinstance(state, bytes) else state
     return [ask(predictor, scene, samples, seed) for scene in scenes], reason
 
 
 def answer(questions: str, answers: str) -> None:
-    """In the fresh process: unpickle a predictor, ask it one scene after another, and write its forecasts."""
+    """Run in the fresh process: unpickle a predictor, forecast one scene after another, and write the forecasts."""
     pickled, scenes, samples, seed = pickle.loads(Path(questions).read_bytes())
     predictor = pickle.loads(pickled)
     Path(answers).write_bytes(pickle.dumps([ask(predictor, scene, samples, seed) for scene in scenes]))

@@ -19,14 +19,15 @@ def observation_from_dict(
     Args:
         observations: What ``reset`` or ``step`` gave.
         dt: Seconds per step (``env.domain.card.dt``).
-        agents: ``env.agents``; those that have left are in the dict too, but need no forecast.
-        time: ``env.clock.time``, so that an adapter can tell scenes apart that look alike; None where not known.
+        agents: ``env.agents``; agents that have left are in the dict too, but need no forecast.
+        time: ``env.clock.time``, by which an adapter can distinguish scenes that look alike; None if not known.
     """
     if not agents:
         return Observation(np.zeros((0, HISTORY, 2), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt)
     history = np.stack([observations[name] for name in agents])
     when = None if time is None else np.array([time])
-    return Observation(history, np.array([0, len(agents)]), np.array([_number(n) for n in agents]), dt, when)
+    numbers = np.array([int(name.rsplit("_", 1)[1]) for name in agents])
+    return Observation(history, np.array([0, len(agents)]), numbers, dt, when)
 
 
 def forecast_to_dict(forecast: Forecast, agents: Sequence[str]) -> dict[str, np.ndarray]:
@@ -35,7 +36,7 @@ def forecast_to_dict(forecast: Forecast, agents: Sequence[str]) -> dict[str, np.
 
 
 def truth_from_infos(infos: Mapping[str, Mapping[str, Any]], dt: float) -> Truth | None:
-    """The ground truth that has just been revealed: whole scenes; None if nothing was revealed.
+    """The ground truth that the last step revealed, in whole scenes; None if it revealed nothing.
 
     The times of the scenes are those of the environment's clock.
     """
@@ -55,8 +56,8 @@ def truth_from_infos(infos: Mapping[str, Mapping[str, Any]], dt: float) -> Truth
 def infos_of(settled: Settled, names: Mapping[int, str]) -> dict[str, dict[str, np.ndarray]]:
     """The infos that report settled scenes.
 
-    Every agent reports its own forecasts. Those of an agent that left in an earlier step are reported by an agent of
-    the same scene: the last agents of a scene are in the step that settles it.
+    Every agent reports its own forecasts. An agent of the same scene reports the forecasts of an agent that left in an
+    earlier step: the last agents of a scene are present in the step that settles it.
 
     Args:
         settled: Whole scenes.
@@ -84,7 +85,3 @@ def infos_of(settled: Settled, names: Mapping[int, str]) -> dict[str, dict[str, 
     start = np.flatnonzero(np.diff(reporter, prepend=-1))
     parts = zip(reporter[start].tolist(), start.tolist(), [*start[1:].tolist(), len(order)], strict=True)
     return {names[i]: {key: column[a:b] for key, column in columns.items()} for i, a, b in parts}
-
-
-def _number(name: str) -> int:
-    return int(name.rsplit("_", 1)[1])

@@ -9,11 +9,11 @@ import numpy as np
 
 from motion_gym.contract import ActionError, Domain, Forecast
 from motion_gym.data.windows import pick_scenes
+from motion_gym.stepping.clocks import extent_of_windows
 from motion_gym.stepping.order import check_order, first_scene, order_of
 from motion_gym.stepping.padded import Padded
-from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
+from motion_gym.stepping.render import Canvas
 from motion_gym.stepping.spaces import checked_action
-from motion_gym.stepping.windows_clock import WindowsClock
 
 
 class WindowEnv(gymnasium.Env):
@@ -24,20 +24,21 @@ class WindowEnv(gymnasium.Env):
 
     ## Action space
     ``Box(max_agents, K, 12, 2)``, float32; rows whose mask is 0 are ignored. float64 is cast. ``action="position"``:
-    metres, bounds (``BOUND``) are wider than any recording, and not enforced. ``action="displacement"``: consecutive
-    displacements from the last observed position, -1 to 1 times ``displacement_limit``; values beyond are clipped.
+    metres; the bounds (``BOUND``) are wider than any recording and are not enforced. ``action="displacement"``:
+    consecutive displacements from the last observed position, -1 to 1 times ``displacement_limit``; values beyond
+    are clipped.
 
     ## Reward
     Minus the ADE of the most likely (first) sample, averaged over the window's agents.
 
     ## Info
-    After a step: ``future`` [max_agents, 12, 2], ``known`` [max_agents, 12], ``ade`` [max_agents] of the window that
-    was forecast (0 where the mask was 0), and ``window``, its number.
+    After a step: ``future`` [max_agents, 12, 2], ``known`` [max_agents, 12] and ``ade`` [max_agents] of the window that
+    was forecast (0 where the mask was 0), and ``window``, the number of this window.
 
     ## Episode end
     Terminates after the last window of the split; a full episode is the published test set. Windows are played in the
-    order of time. With ``order="shuffled"`` each ``reset`` draws an order anew, so that copies of this environment with
-    different seeds play different windows.
+    order of time. With ``order="shuffled"`` each ``reset`` draws a random order, so that copies of this environment
+    with different seeds play different windows.
 
     Args:
         domain: A name, a spec, ``"module:Class"`` or a domain.
@@ -67,7 +68,6 @@ class WindowEnv(gymnasium.Env):
         order: str = "published",
         **parameters: Any,
     ):
-        check_render_mode(render_mode)
         self.padded = Padded(
             domain, split, max_agents, samples, action, displacement_limit, observation_bound, **parameters
         )
@@ -78,18 +78,16 @@ class WindowEnv(gymnasium.Env):
         self._ordered = check_order(order)
         self.order = np.arange(len(self.padded.sizes))
         self.at = -1
-        self.forecast: Forecast | None = None  # Of the last window, as it arrived here through any wrappers.
-        card = self.domain.card
-        extent = WindowsClock(self.padded.truth).extent
-        origin = origin_of(self.domain, split) if render_mode else None
-        self._canvas = Canvas(card.name, extent, card.unit, self.metadata["render_fps"], origin)
+        self.forecast: Forecast | None = None  # of the last window, after any wrappers
+        extent, fps = extent_of_windows(self.padded.truth), self.metadata["render_fps"]
+        self._canvas = Canvas(render_mode, self.domain, split, self.domain.card.name, extent, fps)
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict[str, np.ndarray], dict]:
         """Go to the first window.
 
         Args:
-            seed: Determines the order of this and of later episodes with ``order="shuffled"``.
-            options: ``{"scene": n}`` begins with window n, and goes on from there in the order of the episode.
+            seed: Determines the order of this and later episodes with ``order="shuffled"``.
+            options: ``{"scene": n}`` begins with window n and goes on from there in the order of the episode.
         """
         windows = len(self.padded.sizes)
         scene = first_scene(options, windows)
@@ -103,11 +101,11 @@ class WindowEnv(gymnasium.Env):
         """Score the forecasts of this window, and go to the next.
 
         Raises:
-            ActionError: the action is not an array of the action space's shape, or has NaN where the mask is 1, or the
-                episode is over. The environment has not moved then.
+            ActionError: The action is not an array of the action space's shape, or has NaN where the mask is 1, or the
+                episode is over. The environment does not move then.
         """
         if not 0 <= self.at < len(self.order):
-            raise ActionError("The episode is over, or was not begun: call reset().")
+            raise ActionError("The episode is over or has not begun: call reset().")
         action, window = checked_action(action, self.action_space.shape or (), "The action"), self.window
         here = np.array([window])
         action = self.padded.forecasts(here, action[None])[0]
@@ -125,7 +123,7 @@ class WindowEnv(gymnasium.Env):
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """The last step as an image [H, W, 3] uint8 (``rgb_array``); None in ``human`` mode."""
-        return self._canvas.image(self.render_mode)
+        return self._canvas.image()
 
     def close(self) -> None:
         """Close the window, if one was opened."""
@@ -139,5 +137,3 @@ class WindowEnv(gymnasium.Env):
             return
         truth = pick_scenes(self.padded.truth, slice(window, window + 1))
         self._canvas.update(window, truth.observation, None if self.forecast is None else truth, self.forecast)
-        if self.render_mode == "human":
-            self._canvas.show()

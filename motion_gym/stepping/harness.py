@@ -1,4 +1,4 @@
-"""How the library calls a predictor: it makes it ready, asks it for forecasts, and checks every answer."""
+"""How the library calls a predictor: make it ready, ask it for forecasts, and check every answer."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from motion_gym.data.windows import check_truth
 
 @functools.lru_cache
 def _signature(kind: type) -> inspect.Signature:
-    """The signature of a class, kept, since reading it takes as long as a forecast of some agents."""
+    """The signature of a class; cached, since reading it takes as long as forecasting some agents."""
     return inspect.signature(kind)
 
 
 def name_of(predictor: Any) -> str:
-    """Name of a predictor for tables and messages: its own ``name``, or its class with settings.
+    """Name of a predictor for tables and messages: its ``name``, or its class with its settings.
 
-    Settings are those arguments of the constructor that are attributes of the same name and not at their defaults.
+    Settings are arguments of the constructor that are attributes of the same name and differ from their defaults.
     """
     own = getattr(predictor, "name", None)
     if isinstance(own, str):
@@ -53,18 +53,18 @@ def name_of(predictor: Any) -> str:
 
 
 def selection_of(predictor: Any) -> str:
-    """How the weights of a predictor were selected, as it says itself."""
+    """How the weights of a predictor were selected, from its attribute ``selection``."""
     return str(getattr(predictor, "selection", "does not say how its weights were selected (attribute `selection`)"))
 
 
 def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predictor:
     """Make a predictor ready for a domain.
 
-    A predictor given by name or spec is made, and fitted to the domain's sources if it can be and is not yet. An
-    oracle is shown the domain. Then it is reset.
+    A predictor given by name or spec is made, and fitted to the domain's sources if it has ``fit`` and is not fitted.
+    An oracle is shown the domain. Then the predictor is reset.
 
     Raises:
-        SpecError: the name is not known, or the domain names no sources to fit to.
+        SpecError: The name is not known, or the domain names no sources to fit to.
     """
     instance = catalog.predictor(predictor)
     unfitted = (
@@ -74,7 +74,7 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
         train, validation = training_set(domain)
         guarded(instance, "fit", train, validation, seed)
         if not hasattr(instance, "trained_on"):
-            with contextlib.suppress(AttributeError):  # it may not take further attributes
+            with contextlib.suppress(AttributeError):  # its class may have slots
                 instance.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
     if hasattr(instance, "know"):
         guarded(instance, "know", domain)
@@ -84,10 +84,10 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
 
 
 def copied(predictor: Any) -> Any:
-    """A copy of a predictor, so that what the caller gave stays as it is; a name or a class is returned as it is.
+    """A copy of a predictor; a name or a class is returned as it is.
 
     Raises:
-        PredictorError: the predictor cannot be copied.
+        PredictorError: The predictor cannot be copied.
     """
     try:
         return copy.deepcopy(predictor)
@@ -107,7 +107,7 @@ def windows_of_domain(domain: Domain, split: str) -> Truth:
     """``domain.windows(split)``, checked.
 
     Raises:
-        DataError: it raised, or gave something that cannot be scored.
+        DataError: The method raised, or its windows cannot be scored.
     """
     name = type(domain).__name__
     try:
@@ -124,13 +124,13 @@ def windows_of_domain(domain: Domain, split: str) -> Truth:
 def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
     """Ask for a forecast, and check the answer.
 
-    The predictor is given a copy that cannot be written to, so that it cannot change what others see.
+    The predictor gets a read-only copy of the observation.
 
     Returns:
-        Forecast of float32 positions [A, K, 12, 2] with K = ``samples``, or 1 where the predictor is deterministic.
+        Forecast of float32 positions [A, K, 12, 2] with K = ``samples``, or 1 if the predictor is deterministic.
 
     Raises:
-        PredictorError: it raised, tried to change its input, or answered with something that is not a forecast.
+        PredictorError: The predictor raised, tried to change its input, or returned no valid forecast.
     """
     if not len(observation):
         return Forecast(np.zeros((0, samples, FUTURE, 2), np.float32))
@@ -139,13 +139,13 @@ def ask(predictor: Predictor, observation: Observation, samples: int = 1, seed: 
 
 
 def tell(predictor: Predictor, truth: Truth) -> None:
-    """Let a predictor that has ``observe`` see revealed truth, or reference scenes."""
+    """Let a predictor that has ``observe`` observe revealed truth or reference scenes."""
     if hasattr(predictor, "observe") and len(truth.future):
         guarded(predictor, "observe", _locked_truth(truth))
 
 
 def tune(predictor: Predictor, scenes: Truth, validation: Truth | None) -> None:
-    """Let a predictor that has ``tune`` learn from scenes, and select by others if there are some."""
+    """Let a predictor that has ``tune`` learn from scenes, and select by validation scenes if there are any."""
     guarded(predictor, "tune", _locked_truth(scenes), None if validation is None else _locked_truth(validation))
 
 
@@ -154,14 +154,14 @@ def _locked_truth(truth: Truth) -> Truth:
 
 
 def frozen(observation: Observation) -> Observation:
-    """A copy of an observation whose arrays cannot be written to; nothing but its fields goes along."""
+    """A copy of an observation with read-only arrays."""
     history, scene, agent = (_locked(a) for a in (observation.history, observation.scene, observation.agent))
     time = None if observation.time is None else _locked(observation.time)
     return Observation(history, scene, agent, float(observation.dt), time)
 
 
 def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
-    """Call a method of a predictor; whatever it raises becomes a PredictorError that names it."""
+    """Call a method of a predictor; an exception becomes a PredictorError that names the method."""
     try:
         return getattr(predictor, method)(*arguments, **keywords)
     except MotionGymError:
@@ -178,6 +178,36 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
 
 
 def _locked(array: np.ndarray) -> np.ndarray:
-    copy = np.array(array)  # of the plain class, whatever the array was
+    copy = np.array(array)  # a plain array also for subclasses
     copy.flags.writeable = False
     return copy
+
+
+class CheckedPredictor:
+    """Wraps a predictor so that ``predict`` returns a checked Forecast; every other attribute is the predictor's own.
+
+    A user's adapter gets this instead of the predictor, whose ``predict`` may return an array.
+
+    Args:
+        inner: The predictor.
+    """
+
+    def __init__(self, inner: Any):
+        vars(self)["inner"] = inner
+
+    @property
+    def name(self) -> str:
+        """The name of the predictor."""
+        return name_of(self.inner)
+
+    def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
+        """The checked forecast of the predictor."""
+        return ask(self.inner, observation, samples, seed)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "inner":
+            raise AttributeError(name)
+        return getattr(self.inner, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self.inner, name, value)

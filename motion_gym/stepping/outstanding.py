@@ -1,4 +1,4 @@
-"""The ledger: forecasts that wait for their ground truth, and forecasts that are settled."""
+"""The ledger: forecasts that wait for their ground truth, and settled forecasts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from motion_gym.contract import FUTURE, DataError, Forecast, Observation, PredictorError, SpecError, Truth
 from motion_gym.data.validation import check_forecast
-from motion_gym.data.windows import offsets, stack
+from motion_gym.data.windows import offsets, stack, stack_observations
 from motion_gym.stepping.harness import frozen
 
 
@@ -20,7 +20,7 @@ class Stored:
 
     Attributes:
         made: Time of the forecast, in steps.
-        observation: The observation that was forecast: one scene.
+        observation: The observation that was forecast, one scene.
         forecast: The forecast of its agents.
     """
 
@@ -30,9 +30,10 @@ class Stored:
 
 
 class Outstanding:
-    """Stores each forecast when it is made and pairs it with its ground truth later, so that no score can be improved.
+    """Stores each forecast when it is made, and pairs the stored forecast with its ground truth later.
 
-    The clocks, the environments and ``evaluate_online`` use this ledger; a loop of your own can use it, too.
+    A stored forecast cannot change. The clocks, the environments and ``evaluate_online`` use this ledger; other loops
+    can use it, too.
 
     Args:
         keep: Keep the settled forecasts for ``read``; otherwise they are only counted, and memory stays bounded.
@@ -70,7 +71,7 @@ class Outstanding:
             forecast: Its forecast, or positions [A, K, 12, 2] alone.
 
         Raises:
-            PredictorError: a forecast of this time is already stored, or it does not fit the agents observed.
+            PredictorError: A forecast of this time is already stored, or the forecast does not fit the agents.
         """
         if made in self._stored:
             raise PredictorError(f"A forecast made at {made} is stored already: a time is forecast once.")
@@ -83,7 +84,7 @@ class Outstanding:
     def settle(
         self, made: int | Sequence[int], future: Any, known: Any, person: np.ndarray | None = None
     ) -> tuple[Forecast, Truth]:
-        """The forecast of a time with its complete ground truth; the scene stops waiting.
+        """Remove the forecast of a time, and return the forecast with its complete ground truth.
 
         Args:
             made: Time of the forecast; or several times, whose scenes are then stacked.
@@ -92,7 +93,7 @@ class Outstanding:
             person: [A] ids for ``matured_only``; by default the agents of the observation.
 
         Raises:
-            DataError: no forecast of this time waits, or the ground truth has a wrong shape, or is not finite where
+            DataError: No forecast of this time waits, or the ground truth has a wrong shape, or is not finite where
                 it is known.
         """
         truth = self.so_far(made, future, known)
@@ -107,7 +108,7 @@ class Outstanding:
         return forecast, truth
 
     def so_far(self, made: int | Sequence[int], future: Any, known: Any) -> Truth:
-        """The ground truth known so far, with the arguments and errors of ``settle``; the scene goes on waiting."""
+        """The ground truth known so far; arguments and errors as for ``settle``, but the scene goes on waiting."""
         times = [made] if isinstance(made, int) else made
         observation, name = self._observed(times), f"forecast made at {times[0] if len(times) == 1 else times}"
         agents = len(observation)
@@ -134,27 +135,17 @@ class Outstanding:
         """The observations stored at some times, stacked."""
         missing = [time for time in times if time not in self._stored]
         if missing:
-            there = f"{min(self._stored)} to {max(self._stored)}" if self._stored else "none"
+            stored = f"{min(self._stored)} to {max(self._stored)}" if self._stored else "none"
             raise DataError(
-                f"Truth was told of a forecast made at {missing[0]}, and none is stored of that time ({there})."
+                f"Truth was given for a forecast made at {missing[0]}, but none is stored of that time ({stored})."
             )
-        parts = [self._stored[time].observation for time in times]
-        if len(parts) == 1:
-            return parts[0]
-        when = [part.time for part in parts if part.time is not None]
-        return Observation(
-            np.concatenate([part.history for part in parts]),
-            offsets(np.concatenate([np.diff(part.scene) for part in parts])),
-            np.concatenate([part.agent for part in parts]),
-            parts[0].dt,
-            np.concatenate(when) if len(when) == len(parts) else None,
-        )
+        return stack_observations([self._stored[time].observation for time in times])
 
     def read(self) -> tuple[Forecast, Truth]:
         """All settled forecasts with their ground truth, stacked.
 
         Raises:
-            SpecError: nothing is settled yet, or settled forecasts are not kept.
+            SpecError: Nothing is settled yet, or settled forecasts are not kept.
         """
         if not self.keep:
             raise SpecError("This ledger counts settled forecasts and does not keep them: make it with keep=True.")
@@ -167,7 +158,7 @@ class Outstanding:
         """The matured forecasts with their ground truth; agents are persons, as in ``domain.windows``.
 
         Raises:
-            SpecError: as ``read``.
+            SpecError: As for ``read``.
         """
         forecast, truth = self.read()
         keep = np.flatnonzero(truth.known.all(axis=1))

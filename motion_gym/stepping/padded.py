@@ -19,7 +19,7 @@ class Padded:
 
     Args:
         domain: A name, a spec, ``"module:Class"`` or a domain.
-        split: Which split.
+        split: The split.
         max_agents: Rows of an observation; by default those of the largest window.
         samples: K.
         action: Kind of the actions; see ``Actions``.
@@ -46,23 +46,22 @@ class Padded:
         if not len(self.sizes):
             raise SpecError(f"Split `{split}` of `{self.domain!r}` has no window to play.")
         samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
-        if max_agents is not None:
-            max_agents = catalog.whole_number("max_agents", max_agents, 1, 10_000)
-        most = int(self.sizes.max())
-        if max_agents is not None and max_agents < most:
+        largest = int(self.sizes.max())
+        max_agents = largest if max_agents is None else catalog.whole_number("max_agents", max_agents, 1, 10_000)
+        if max_agents < largest:
             raise SpecError(
-                f"`max_agents={max_agents}` is too small: a window of `{self.domain.card.name}` has {most} agents. "
-                f"Leave max_agents out, or give {most} or more."
+                f"`max_agents={max_agents}` is too small: a window of `{self.domain.card.name}` has {largest} agents. "
+                f"Leave max_agents out, or give {largest} or more."
             )
-        self.samples, self.max_agents = samples, max_agents or most
-        # Padded once, so that a step only picks rows.
+        self.samples, self.max_agents = samples, max_agents
+        # Padded once, so that a step only selects rows.
         self.mask = np.arange(self.max_agents) < self.sizes[:, None]
         self.history = self._pad(self.truth.observation.history)
         self.future = self._pad(self.truth.future)
         self.known = self._pad(self.truth.known)
-        largest = float(np.abs(self.history).max())
+        reach = float(np.abs(self.history).max())
         self.observation_space = gymnasium.spaces.Dict(
-            history=history_space(self.history.shape[1:], observation_bound, largest, self.domain.card.name),
+            history=history_space(self.history.shape[1:], observation_bound, reach, self.domain.card.name),
             mask=gymnasium.spaces.MultiBinary(self.max_agents),
         )
         self.action_space = self.actions.space(self.max_agents, samples)
@@ -72,21 +71,21 @@ class Padded:
         return {"history": self.history[windows], "mask": self.mask[windows].astype(np.int8)}
 
     def forecasts(self, windows: np.ndarray, actions: np.ndarray) -> np.ndarray:
-        """Positions [N, max_agents, K, 12, 2] that actions of that shape stand for."""
+        """Forecast positions of actions, both [N, max_agents, K, 12, 2]."""
         return self.actions.positions(actions, self.history[windows][:, :, -1, :2])
 
     def score(self, windows: np.ndarray, forecasts: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Score [N, max_agents, K, 12, 2] forecasts.
 
         Returns:
-            Reward [N], minus the mean ADE, and what is revealed: future [N, max_agents, 12, 2], known
+            Reward [N], minus the mean ADE, and the revealed arrays: future [N, max_agents, 12, 2], known
             [N, max_agents, 12] and ade [N, max_agents], 0 where the mask is 0.
 
         Raises:
-            ActionError: a forecast of an agent whose mask is 1 is not finite.
+            ActionError: A forecast is not finite where the mask is 1.
         """
         mask, future, known = self.mask[windows], self.future[windows], self.known[windows]
-        with np.errstate(invalid="ignore", over="ignore"):  # Where the mask is 0 there may be anything.
+        with np.errstate(invalid="ignore", over="ignore"):  # rows where the mask is 0 may have any values
             finite = np.isfinite(forecasts.sum())
             error = distance(forecasts[:, :, 0].astype(np.float64) - future)
         if not finite:

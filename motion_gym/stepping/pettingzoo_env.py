@@ -12,21 +12,21 @@ from pettingzoo import ParallelEnv
 from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, PredictorError, SpecError
 from motion_gym.data.windows import positions_only
-from motion_gym.stepping.clocks import Settled, Step
+from motion_gym.specs import one_of
+from motion_gym.stepping.clocks import Settled, Step, WindowsClock
 from motion_gym.stepping.dicts import infos_of
 from motion_gym.stepping.harness import windows_of_domain
 from motion_gym.stepping.order import check_order, first_scene, order_of
 from motion_gym.stepping.outstanding import Outstanding
-from motion_gym.stepping.render import Canvas, check_render_mode, origin_of
+from motion_gym.stepping.render import Canvas
 from motion_gym.stepping.spaces import Actions, checked_action, history_space
 from motion_gym.stepping.stream_clock import StreamClock
-from motion_gym.stepping.windows_clock import WindowsClock
 
 CLOCKS = ("windows", "stream")
 
 
 class ForecastEnv(ParallelEnv):
-    """Agents enter with what was observed of them, forecast, and are scored when the truth is revealed.
+    """Agents observe, forecast, and are scored when the ground truth is revealed.
 
     ## Observation space
     ``Box(8, F)``, float32: x and y in metres, oldest first, and the domain's further features.
@@ -34,12 +34,12 @@ class ForecastEnv(ParallelEnv):
     ## Action space
     ``Box(K, 12, 2)``, float32: K sampled forecasts. With K = 1, ``(12, 2)`` is accepted too; float64 is cast.
     ``action="position"``: the agent's next 12 positions, in metres, in the frame of the observation; the bounds
-    (``BOUND``) are wider than any recording, and not enforced. ``action="displacement"``: consecutive displacements
+    (``BOUND``) are wider than any recording and are not enforced. ``action="displacement"``: consecutive displacements
     from the last observed position, -1 to 1 times ``displacement_limit``; values beyond are clipped.
 
     ## Clocks
     ``windows``: each step is the next window of the split. Agents live for one step: they enter, their forecast is
-    scored, they terminate. Reward: minus the ADE of the most likely (first) sample.
+    scored, and they terminate. The reward is minus the ADE of the most likely (first) sample.
     ``stream``: each step is one frame of the recording. An agent enters with its 8th frame and terminates when it
     leaves; its id never returns. The reward that comes with the observation of a frame is minus the mean error of the
     points that became known with that frame, over the agent's outstanding forecasts. It cannot depend on the forecast
@@ -47,7 +47,7 @@ class ForecastEnv(ParallelEnv):
 
     ## Infos
     The ground truth of a scene (all agents observed at one time) is revealed once, after its last forecast step or when
-    its last agent is known to have left. Infos then have ``agent`` [M], the numbers of the agents, ``row`` [M], their
+    its last agent has left. Infos then have ``agent`` [M], the numbers of the agents, ``row`` [M], their
     places in their scenes, ``history`` [M, 8, F], ``future`` [M, 12, 2], ``known`` [M, 12] (future is zero where not
     known), ``forecast`` [M, K, 12, 2] and ``made`` [M], the time of each forecast. Every agent reports its own
     forecasts; those of an agent that left earlier are reported by another agent of the scene. ``truth_from_infos`` puts
@@ -90,31 +90,31 @@ class ForecastEnv(ParallelEnv):
         **parameters: Any,
     ):
         self.domain = catalog.domain(domain, **parameters)
-        if clock not in CLOCKS:
-            raise SpecError(f"There is no clock `{clock}`.{catalog.suggest(str(clock), CLOCKS)}")
+        one_of("clock", clock, CLOCKS)
         self._ordered = check_order(order)
         if clock == "stream" and order == "shuffled":
-            raise SpecError("order='shuffled' is of the windows clock: a stream is played in the order of time.")
+            raise SpecError("order='shuffled' is for the windows clock: a stream is played in the order of time.")
         self._generator = np.random.default_rng()
         samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
-        check_render_mode(render_mode)
-        self.clock = make_clock(self.domain, clock, split)
+        self.clock: WindowsClock | StreamClock
+        if clock == "windows":
+            self.clock = WindowsClock(windows_of_domain(self.domain, split))
+        else:
+            self.clock = StreamClock(self.domain.recordings(split), getattr(self.domain, "history", positions_only))
         if not self.clock.size:
-            raise SpecError(f"Split `{split}` of `{self.domain!r}` has nobody to observe: nothing to play.")
+            raise SpecError(f"Split `{split}` of `{self.domain!r}` has no agent to observe: there is nothing to play.")
         self.samples = samples
         self.render_mode = render_mode
         self.possible_agents = [self.clock.name(i) for i in range(self.clock.size)]
         self.agents: list[str] = []
         self._step = self.clock.reset()
         features = self._step.observation.history.shape[2]
-        card = self.domain.card
-        largest = 0.0 if observation_bound is None else self.clock.largest
-        self._observation_space = history_space((HISTORY, features), observation_bound, largest, card.name)
+        card, reach = self.domain.card, 0.0 if observation_bound is None else self.clock.reach
+        self._observation_space = history_space((HISTORY, features), observation_bound, reach, card.name)
         self._actions = Actions(action, displacement_limit, card.unit)
         self._action_space = self._actions.space(samples)
-        origin = origin_of(self.domain, split) if render_mode else None
         title, fps = f"{card.name}, {clock} clock", self.metadata["render_fps"]
-        self._canvas = Canvas(title, self.clock.extent, card.unit, fps, origin)
+        self._canvas = Canvas(render_mode, self.domain, split, title, self.clock.extent, fps)
 
     @property
     def ledger(self) -> Outstanding:
@@ -133,9 +133,9 @@ class ForecastEnv(ParallelEnv):
         """Go to the beginning.
 
         Args:
-            seed: Determines the order of this and of later episodes with ``order="shuffled"``.
-            options: ``{"scene": n}`` begins with window n, or with the n-th frame at which somebody is observed, and
-                goes on from there in the order of the episode.
+            seed: Determines the order of this and later episodes with ``order="shuffled"``.
+            options: ``{"scene": n}`` begins with window n, or with the n-th frame with an observed agent, and goes on
+                from there in the order of the episode.
         """
         scene = first_scene(options, self.clock.scenes)
         if seed is not None:
@@ -148,11 +148,11 @@ class ForecastEnv(ParallelEnv):
         return self._observations(), {name: {} for name in self.agents}
 
     def step(self, actions: Mapping[str, np.ndarray]) -> tuple[dict, dict, dict, dict, dict]:
-        """Store one forecast per agent, go on, and reveal what happened.
+        """Store one forecast per agent, step the clock, and reveal the ground truth that is due.
 
         Raises:
-            ActionError: an action is missing, not asked for, or not a finite array of the right shape. The
-                environment has not moved then.
+            ActionError: An action is missing, superfluous, or no finite array of the right shape. The environment does
+                not move then.
         """
         forecast = self._forecast(actions)
         before, last = self.agents, self._step
@@ -185,9 +185,9 @@ class ForecastEnv(ParallelEnv):
         """The last step as an image [H, W, 3] uint8 (``rgb_array``); None in ``human`` mode, which draws by itself.
 
         Raises:
-            SpecError: the environment was made without a render_mode.
+            SpecError: The environment was made without a render_mode.
         """
-        return self._canvas.image(self.render_mode)
+        return self._canvas.image()
 
     def close(self) -> None:
         """Close the window, if one was opened."""
@@ -202,7 +202,7 @@ class ForecastEnv(ParallelEnv):
 
     def _forecast(self, actions: Mapping[str, np.ndarray]) -> Forecast:
         if not self.agents:
-            raise ActionError("The episode is over, or was not begun: call reset().")
+            raise ActionError("The episode is over or has not begun: call reset().")
         if not isinstance(actions, Mapping):
             raise ActionError(f"Actions are a dict from the names in `env.agents`, not {type(actions).__name__}.")
         here = set(self.agents)
@@ -232,17 +232,8 @@ class ForecastEnv(ParallelEnv):
             observation, time = settled.truth.observation, int(settled.made[0])
         truth, forecast = (None, None) if settled is None else (settled.truth, settled.forecast)
         self._canvas.update(time, observation, truth, forecast, paths)
-        if self.render_mode == "human":
-            self._canvas.show()
 
 
 def parallel_env(domain: str | Domain, clock: str = "windows", **arguments: Any) -> ForecastEnv:
     """Make the PettingZoo environment of a domain; see ``ForecastEnv`` for the arguments."""
     return ForecastEnv(domain, clock=clock, **arguments)
-
-
-def make_clock(domain: Domain, clock: str, split: str) -> WindowsClock | StreamClock:
-    """The clock that replays a split of a domain."""
-    if clock == "windows":
-        return WindowsClock(windows_of_domain(domain, split))
-    return StreamClock(domain.recordings(split), getattr(domain, "history", positions_only))

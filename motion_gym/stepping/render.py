@@ -1,4 +1,4 @@
-"""Pictures of an environment: what was observed (solid), what happened (dotted) and what was forecast (faint)."""
+"""Pictures of an environment: histories (solid), ground truth (dotted) and forecasts (faint)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from motion_gym.catalog import suggest
 from motion_gym.contract import FUTURE, Domain, Forecast, Observation, SpecError, Truth
+from motion_gym.specs import one_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,48 +19,44 @@ WINDOWLESS = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 SIZE = (7.2, 5.4)
 """Inches; 100 pixels each."""
 LABELLED = 12
-"""More agents than this are not labelled."""
+"""Most agents that are labelled."""
 HISTORY_COLOR, TRUTH_COLOR, FORECAST_COLOR = "#2b6cb0", "#2f855a", "#dd6b20"
-
-
-def check_render_mode(mode: str | None) -> None:
-    """Raise SpecError for a mode that does not exist; warn about ``human`` where no window can be opened."""
-    if mode is not None and mode not in MODES:
-        raise SpecError(f"There is no render_mode `{mode}`.{suggest(str(mode), MODES)}")
-    if mode == "human":
-        import matplotlib.pyplot as plt
-
-        if plt.get_backend().lower() in WINDOWLESS:
-            warnings.warn(
-                f"render_mode `human` will show nothing: matplotlib's backend here is `{plt.get_backend()}`, which "
-                "opens no window. Use render_mode='rgb_array', or a screen and a window toolkit (PySide6, tkinter).",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-
-
-def origin_of(domain: Domain, split: str) -> np.ndarray:
-    """[2], the origin that all recordings of a split share; zeros where they have different ones."""
-    origins = np.unique([recording.origin for recording in domain.recordings(split)], axis=0)
-    return origins[0] if len(origins) == 1 else np.zeros(2)
 
 
 class Canvas:
     """Draws the last step of an environment, on a scale that is fixed for the whole episode.
 
     Args:
-        title: Shown above the picture.
+        mode: ``"rgb_array"``, ``"human"`` or None to draw nothing.
+        domain: Gives the unit of the axes, and the origin that is added to the coordinates of the axes if all
+            recordings of the split share it.
+        split: The split that is played.
+        title: Title of the picture.
         extent: [2, 2], lowest and highest x and y of the whole episode, metres.
-        unit: Unit of the axes.
         fps: Frames per second of ``human`` mode.
-        origin: [2], added to the coordinates that the axes show; None for zeros.
+
+    Raises:
+        SpecError: There is no such mode. If ``human`` mode cannot open a window, a warning says so.
     """
 
     def __init__(
-        self, title: str, extent: np.ndarray, unit: str = "m", fps: float = 5, origin: np.ndarray | None = None
-    ):
-        self.origin = np.zeros(2) if origin is None else origin
-        self.title, self.extent, self.unit, self.fps = title, extent, unit, fps
+        self, mode: str | None, domain: Domain, split: str, title: str, extent: np.ndarray, fps: float = 5
+    ) -> None:
+        if mode is not None:
+            one_of("render_mode", mode, MODES)
+        if mode == "human":
+            import matplotlib.pyplot as plt
+
+            if plt.get_backend().lower() in WINDOWLESS:
+                warnings.warn(
+                    f"render_mode `human` will show nothing: matplotlib's backend here is `{plt.get_backend()}`, which "
+                    "opens no window. Use render_mode='rgb_array', or a screen and a toolkit (PySide6, tkinter).",
+                    RuntimeWarning,
+                    stacklevel=3,
+                )
+        self.mode, self.title, self.extent, self.fps = mode, title, extent, fps
+        origins = {tuple(recording.origin) for recording in (domain.recordings(split) if mode else ())}
+        self.unit, self.origin = domain.card.unit, np.array(origins.pop() if len(origins) == 1 else (0.0, 0.0))
         self._shown: tuple[Any, ...] | None = None
         self._figure: Figure | None = None
 
@@ -72,28 +68,36 @@ class Canvas:
         forecast: Forecast | None,
         paths: np.ndarray | None = None,
     ) -> None:
-        """Remember what to draw.
+        """Store the last step, and in ``human`` mode draw it in a window and wait for one frame.
 
         Args:
             time: Step number for the title.
-            observation: Who is shown with a history.
-            truth: Of the forecasts just settled, if any.
+            observation: Agents whose histories are drawn.
+            truth: Ground truth of the forecasts just settled, if any.
             forecast: The forecasts just settled, if any.
-            paths: [A, K, 13, 2], further forecasts, not settled yet, each from where it started.
+            paths: [A, K, 13, 2], forecasts that are not settled yet, each from its first position.
         """
         self._shown = time, observation, truth, forecast, paths
+        if self.mode == "human":
+            import matplotlib.pyplot as plt
 
-    def image(self, mode: str | None) -> np.ndarray | None:
+            if self._figure is None:
+                self._figure = plt.figure(figsize=SIZE)
+            self._draw(self._figure, *self._shown)
+            if plt.get_backend().lower() not in WINDOWLESS:
+                plt.pause(1 / self.fps)
+
+    def image(self) -> np.ndarray | None:
         """The picture, [H, W, 3] uint8; None in human mode.
 
         Raises:
-            SpecError: no render_mode was chosen, or nothing has happened yet.
+            SpecError: No render_mode was chosen, or there was no step yet.
         """
-        if mode is None:
+        if self.mode is None:
             raise SpecError("The environment was made without a render_mode: make it with render_mode='rgb_array'.")
         if self._shown is None:
             raise SpecError("There is nothing to render yet: call reset() first.")
-        if mode == "human":
+        if self.mode == "human":
             return None
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -105,16 +109,6 @@ class Canvas:
         canvas: Any = self._figure.canvas
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-    def show(self) -> None:
-        """Draw in a window, and wait for one frame."""
-        import matplotlib.pyplot as plt
-
-        if self._figure is None:
-            self._figure = plt.figure(figsize=SIZE)
-        self._draw(self._figure, *(self._shown or ()))
-        if plt.get_backend().lower() not in WINDOWLESS:
-            plt.pause(1 / self.fps)
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -143,18 +137,19 @@ class Canvas:
         axes = figure.add_axes((0.09, 0.1, 0.88, 0.8))
         low, high = self.extent
         margin = 0.05 * float((high - low).max()) + 0.5
-        axes.set_xlim(low[0] - margin, high[0] + margin)
-        axes.set_ylim(low[1] - margin, high[1] + margin)
+        axes.set(
+            xlim=(low[0] - margin, high[0] + margin),
+            ylim=(low[1] - margin, high[1] + margin),
+            xlabel=f"x [{self.unit}]",
+            ylabel=f"y [{self.unit}]",
+            axisbelow=True,
+        )
         axes.set_aspect("equal", adjustable="box")
         axes.grid(color="#e2e8f0", linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.set_xlabel(f"x [{self.unit}]")
-        axes.set_ylabel(f"y [{self.unit}]")
         if self.origin.any():
             for axis, shift in zip((axes.xaxis, axes.yaxis), self.origin.tolist(), strict=True):
                 axis.set_major_formatter(partial(_shifted, shift))
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
+        axes.spines[["top", "right"]].set_visible(False)
         if paths is not None:
             _fan(axes, paths)
         if truth is not None and forecast is not None:
@@ -178,7 +173,7 @@ class Canvas:
 
 
 def _settled(axes: Any, truth: Truth, forecast: Forecast) -> None:
-    """Forecasts with what came of them."""
+    """Forecasts with their ground truth."""
     last = truth.observation.xy[:, -1]
     samples = forecast.positions.shape[1]
     start = np.broadcast_to(last[:, None, None], (len(last), samples, 1, 2))
@@ -194,6 +189,6 @@ def _shifted(shift: float, value: float, _: Any) -> str:
 
 
 def _fan(axes: Any, paths: np.ndarray) -> None:
-    """All samples [A, K, 13, 2], the fainter the more there are."""
+    """All samples [A, K, 13, 2]; more samples are fainter."""
     alpha = max(0.12, 0.6 / np.sqrt(max(paths.shape[1], 1)))
     axes.plot(*paths.reshape(-1, FUTURE + 1, 2).transpose(2, 1, 0), color=FORECAST_COLOR, alpha=alpha, linewidth=1.5)

@@ -1,4 +1,4 @@
-"""Snapshots of the state of an object and of the global random generators, to detect what a call changes."""
+"""Snapshots of the state of objects and of the global random generators, to detect changes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _PLAIN = (type(None), bool, int, float, complex, str, bytes, np.generic)
 
 
 def leaves(value: Any, path: str = "", seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
-    """Walk through attributes, mappings and sequences to what they end in.
+    """Walk through attributes, mappings and sequences to their leaves.
 
     Args:
-        value: Where the walk begins.
-        path: Its path.
-        seen: Ids of the objects that were walked through, which are left out.
+        value: The object.
+        path: Path of the object.
+        seen: Ids of visited objects, which are left out.
 
     Yields:
-        Path as one would write it, and an array, a plain value or the state of a random generator. Tensors are seen as
-        arrays. Functions, modules, classes and what hides its attributes are left out.
+        Path in Python syntax, and an array, a plain value or the state of a random generator. Tensors become arrays.
+        Functions, modules, classes and hidden attributes are left out.
     """
     seen = set() if seen is None else seen
     if isinstance(value, (*_PLAIN, np.ndarray)):
@@ -57,21 +57,21 @@ def leaves(value: Any, path: str = "", seen: set[int] | None = None) -> Iterator
 
 
 def snapshot(thing: Any) -> dict[str, Any]:
-    """Content of an object by path, in a form that can be compared, and that later changes do not reach."""
+    """Content of an object by path, in a comparable form that is independent of the object."""
     return {path: _content(leaf) for path, leaf in leaves(thing)}
 
 
 def changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """Paths whose content differs between two snapshots or is gone.
+    """Paths whose content differs between two snapshots or is missing in the second one.
 
-    What was added, or was None before, is taken for a cache and does not count.
+    New paths, and paths that were None before, count as caches and are left out.
     """
     nothing = _content(None)
     return [path for path, content in before.items() if content != nothing and after.get(path) != content]
 
 
 def shared_arrays(a: Any, b: Any) -> list[str]:
-    """Paths at which two objects hold one and the same writable memory."""
+    """Paths at which two objects share writable memory."""
     others = {path: leaf for path, leaf in leaves(b) if isinstance(leaf, np.ndarray)}
     return [
         path
@@ -82,10 +82,10 @@ def shared_arrays(a: Any, b: Any) -> list[str]:
 
 @contextlib.contextmanager
 def global_randomness(seed: int = 0) -> Iterator[list[str]]:
-    """Set the global generators of random, numpy and, if it is imported, torch; put them back afterwards.
+    """Seed the global generators of random, numpy and, if imported, torch; restore them afterwards.
 
     Yields:
-        A list that names, after the block, the generators that were drawn from or seeded in it.
+        A list that names, after the block, the generators that the block used or seeded.
     """
     torch: Any = sys.modules.get("torch")
     kept = random.getstate(), np.random.get_state(), torch.get_rng_state() if torch else None  # noqa: NPY002

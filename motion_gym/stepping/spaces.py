@@ -102,13 +102,13 @@ def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: b
     return action if action.shape == shape else action.reshape(shape)
 
 
-def history_space(shape: tuple[int, ...], bound: float | None, largest: float, place: str) -> gymnasium.spaces.Box:
+def history_space(shape: tuple[int, ...], bound: float | None, reach: float, place: str) -> gymnasium.spaces.Box:
     """``Box(*shape)``, float32, unbounded, or from ``-bound`` to ``bound``.
 
     Args:
         shape: Shape of an observation.
         bound: Bound of every value of a history; None for an unbounded space.
-        largest: Largest absolute value of the histories that will be observed.
+        reach: Largest absolute value of the histories that will be observed.
         place: Name of the domain, for messages.
 
     Raises:
@@ -117,9 +117,9 @@ def history_space(shape: tuple[int, ...], bound: float | None, largest: float, p
     if bound is None:
         return gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
     bound = number("observation_bound", bound, above=True)
-    if largest > bound:
+    if reach > bound:
         raise SpecError(
-            f"`observation_bound={bound:g}` is too small: observations of `{place}` reach {largest:.6g}. Give a larger "
+            f"`observation_bound={bound:g}` is too small: observations of `{place}` reach {reach:.6g}. Give a larger "
             "bound."
         )
     return gymnasium.spaces.Box(-bound, bound, shape, np.float32)

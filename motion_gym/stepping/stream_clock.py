@@ -1,4 +1,4 @@
-"""The stream clock: each step is one listed frame, and ground truth is revealed when it has happened."""
+"""The stream clock: each step is one listed frame, and ground truth is revealed after its last step."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ _AHEAD = np.arange(1, FUTURE + 1)
 class StreamClock:
     """Each step is one listed frame; an agent is one unbroken track, from its 8th frame until it leaves.
 
-    Frames at which nobody has 8 observed frames are passed over. An agent that is found again is a new one. The ground
-    truth of a scene is revealed once, after its last forecast step or when its last agent is known to have left.
+    Frames without an agent that has 8 observed frames are skipped. An agent that is found again is a new agent. The
+    ground truth of a scene is revealed once, after its last forecast step or when its last agent has left.
 
     Args:
-        recordings: Replayed one after another.
-        features: Gives the history of each agent (a domain's ``history``): one for all recordings, or one for each.
+        recordings: Recordings, replayed one after another.
+        features: Function that gives the history of each agent (a domain's ``history``), or one for each recording.
         keep: Whether the ledger keeps settled forecasts; otherwise memory stays bounded.
 
     Attributes:
-        times: [T] the listed frames at which somebody is observed, counted over all recordings.
-        count: Number of forecasts of one agent in a whole episode.
-        rewards: Whether steps have rewards; these are zero otherwise, which saves time.
+        times: [T] listed frames with an observed agent, counted over all recordings.
+        count: Number of forecasts of a whole episode, one per agent and step.
+        rewards: Whether rewards are computed; otherwise they are zero, which saves time.
 
     Raises:
-        DataError: the recordings have different time steps.
+        DataError: The recordings have different time steps.
     """
 
     def __init__(
@@ -70,10 +70,10 @@ class StreamClock:
         self.count = len(observable)
         rows = np.split(observable, start[1:]) if len(observable) else []
         self._rows = dict(zip(self.times.tolist(), rows, strict=True))
-        # An agent is known to have left at the step at which it is missed.
+        # An agent has left at the first step without it.
         longest = np.minimum(np.maximum.reduceat(self.tracks.left[observable], start) + 1, FUTURE) if rows else start
         self._known_at = dict(zip(self._rows, (self.times + longest).tolist(), strict=True))
-        # Numbered as they enter: a number that counted those yet to come would tell the future.
+        # Numbered in the order of entry; a number that counts later agents would reveal the future.
         _, first, identity = np.unique(self.tracks.track[observable], return_index=True, return_inverse=True)
         self.size = len(first)
         self._identity = np.full(len(self.tracks.tick), -1)
@@ -98,32 +98,32 @@ class StreamClock:
 
     @property
     def scenes(self) -> int:
-        """Number of steps of an episode: one a frame at which somebody is observed."""
+        """Number of steps of an episode: one for each frame with an observed agent."""
         return len(self.times)
-
-    @property
-    def largest(self) -> float:
-        """Largest absolute value of the histories of an episode."""
-        return max((float(np.abs(self._history(int(time))).max()) for time in self.times), default=0.0)
 
     @property
     def most(self) -> int:
         """Largest number of agents observed at once."""
         return max(map(len, self._rows.values()), default=0)
 
+    @property
+    def reach(self) -> float:
+        """Largest absolute value of the histories of an episode."""
+        return max((float(np.abs(self._history(int(time))).max()) for time in self.times), default=0.0)
+
     def reset(self, scene: int = 0) -> Step:
         """Go to a frame of ``times``, by default the first, with an empty ledger."""
         return self.resume(scene, Outstanding(self.keep))
 
     def resume(self, at: int, ledger: Outstanding) -> Step:
-        """Go to ``times[at]`` with the ledger that this clock had there; the step reveals what is observed."""
+        """Go to ``times[at]`` with the ledger that this clock had there; the step holds the observation."""
         self.at, self.ledger = at, ledger
         return self._step(np.zeros(0), None)
 
     def step(self, forecast: Forecast) -> Step:
-        """Store the forecasts, go on to the next frame at which somebody is observed, and reveal what happened."""
+        """Store the forecasts, go to the next frame with an observed agent, and reveal the ground truth that is due."""
         self.ledger.store(self.time, self._observation, forecast)
-        # Where frames are passed over, all agents have left at the first of them: nothing happens in the others.
+        # If frames are skipped, all agents have left at the first skipped frame: nothing changes in the other ones.
         after = self.time + 1
         reward = self._reward(after) if self.rewards else np.zeros(len(self._observation))
         settled = self._settle(after)
@@ -131,7 +131,7 @@ class StreamClock:
         return self._step(reward, settled)
 
     def so_far(self) -> Truth | None:
-        """The ground truth, as far as it has happened, of all scenes that wait; None if none waits."""
+        """The ground truth known so far of all scenes that wait; None if none waits."""
         times = [stored.made for stored in self.ledger]
         if not times:
             return None
@@ -141,7 +141,7 @@ class StreamClock:
         return self.ledger.so_far(times, *self._future(row, until))
 
     def latest_paths(self) -> np.ndarray:
-        """[A, K, 13, 2], the most recent outstanding forecasts, each from the position it started at."""
+        """[A, K, 13, 2], the most recent outstanding forecasts, each after its last observed position."""
         waiting = list(self.ledger)
         if not waiting:
             return np.zeros((0, 1, FUTURE + 1, 2))
@@ -184,7 +184,7 @@ class StreamClock:
         return -np.bincount(owner, error, minlength=len(before)) / np.maximum(count, 1)
 
     def _settle(self, now: int) -> Settled | None:
-        """Settle the scenes of which everything is known; these are the oldest."""
+        """Settle the scenes without an unknown step; they are the oldest ones."""
         times, rows = [], []
         for stored in self.ledger:
             if now < self._known_at[stored.made]:
@@ -199,6 +199,6 @@ class StreamClock:
         return Settled(forecast, truth, self._identity[row], person, self.tracks.tick[row])
 
     def _future(self, rows: np.ndarray, until: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [A, 12, 2] after the given rows, of use where known, and known [A, 12], up to a step."""
+        """Positions [A, 12, 2] after the given rows, valid where known, and known [A, 12], up to a step."""
         known = np.minimum(self.tracks.left[rows], until)[:, None] >= _AHEAD
         return self.tracks.xy[np.where(known, rows[:, None] + _AHEAD, rows[:, None])], known

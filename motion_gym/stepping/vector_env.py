@@ -18,11 +18,11 @@ from motion_gym.stepping.spaces import checked_action
 class WindowVectorEnv(VectorEnv):
     """Many windows a step, as one array operation.
 
-    The windows of the split are dealt out: sub-environment i of n plays windows i, i + n, i + 2n, ... so that one
-    round of all sub-environments is the published test set, each window once. With ``order="shuffled"`` each ``reset``
-    shuffles the windows before it deals them out. Spaces, rewards and infos are those of ``WindowEnv`` with a leading
-    axis; a sub-environment that has ended is reset by the next step (its action is ignored and its reward 0), as in
-    Gymnasium's ``NEXT_STEP`` mode, and plays its windows again.
+    Sub-environment i of n plays windows i, i + n, i + 2n, ... of the split, so that one episode of all sub-environments
+    is the published test set, each window once. With ``order="shuffled"`` each ``reset`` shuffles the windows first.
+    Spaces, rewards and infos are those of ``WindowEnv`` with a leading axis. The next step resets a sub-environment that
+    has ended (its action is ignored and its reward 0), as in Gymnasium's ``NEXT_STEP`` mode; it then plays its windows
+    again.
 
     Args:
         domain: A name, a spec, ``"module:Class"`` or a domain.
@@ -76,13 +76,13 @@ class WindowVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Each sub-environment goes to its first window.
+        """Go to the first window of each sub-environment.
 
         Args:
-            seed: One seed, or one for each sub-environment, which together determine the order of this and of later
+            seed: One seed, or one for each sub-environment; together they determine the order of this and later
                 episodes with ``order="shuffled"``.
             options: ``{"scene": n}`` or ``{"scene": [n, ...]}``, one number for each sub-environment: it begins with
-                window n, and goes on from there in the order of the episode.
+                window n and goes on from there in the order of the episode.
         """
         windows = len(self.order)
         scenes = first_scenes(options, windows, self.num_envs)
@@ -103,13 +103,13 @@ class WindowVectorEnv(VectorEnv):
     def step(
         self, actions: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Score the forecasts of all current windows, and go to the next ones.
+        """Score the forecasts of all current windows, and go to the next windows.
 
         Raises:
-            ActionError: as for ``WindowEnv``; no sub-environment has moved then.
+            ActionError: As for ``WindowEnv``; no sub-environment moves then.
         """
         if not self._begun:
-            raise ActionError("The episode was not begun: call reset().")
+            raise ActionError("The episode has not begun: call reset().")
         actions, window = checked_action(actions, self.action_space.shape or (), "The action"), self.window
         playing = ~self._ended
         if not playing.all():

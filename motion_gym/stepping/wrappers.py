@@ -1,4 +1,4 @@
-"""Wrappers: two that score whatever acts in an environment, and one for clients that need a fixed set of agents."""
+"""Wrappers that score the forecasts of an environment, and one for clients that need a fixed set of agents."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ScoreParallel(BaseParallelWrapper):
         env: A ``ForecastEnv``, or a wrapper around one.
 
     Raises:
-        SpecError: it is something else.
+        SpecError: The environment is of another class.
     """
 
     def __init__(self, env: Any):
@@ -34,14 +34,14 @@ class ScoreParallel(BaseParallelWrapper):
 
     @property
     def censored(self) -> int:
-        """Forecasts that cannot be scored in full, because their agent left."""
+        """Number of forecasts whose agent left before the last step."""
         return self.unwrapped.ledger.censored  # type: ignore[attr-defined]
 
     def score(self) -> dict[str, Summary]:
         """Mean, interval and counts of every metric over the forecasts of this episode that have matured.
 
         Raises:
-            SpecError: none has matured yet.
+            SpecError: No forecast has matured yet.
         """
         ledger: Any = self.unwrapped.ledger  # type: ignore[attr-defined]
         if not ledger.matured:
@@ -57,7 +57,7 @@ class ScoreWindows(gymnasium.Wrapper):
         env: A ``WindowEnv``, or a wrapper around one.
 
     Raises:
-        SpecError: it is something else.
+        SpecError: The environment is of another class.
     """
 
     def __init__(self, env: gymnasium.Env):
@@ -83,7 +83,7 @@ class ScoreWindows(gymnasium.Wrapper):
         """Mean, interval and counts of every metric over the windows of this episode so far.
 
         Raises:
-            SpecError: no window was forecast yet.
+            SpecError: No window was forecast yet.
         """
         if not self._forecasts:
             raise SpecError("No window has been forecast yet: step the environment before you ask for a score.")
@@ -109,7 +109,7 @@ class FixedAgents(BaseParallelWrapper):
         slots: Slot of each agent that is there, by the agent's name.
 
     Raises:
-        SpecError: it is something else.
+        SpecError: The environment is of another class.
     """
 
     def __init__(self, env: Any, flat: bool = False):
@@ -144,7 +144,7 @@ class FixedAgents(BaseParallelWrapper):
         """Hand the actions of the slots to their agents.
 
         Raises:
-            ActionError: a slot with an agent has no action, or as for the environment.
+            ActionError: A slot with an agent has no action, or as for the environment.
         """
         missing = [slot for slot in self.slots.values() if slot not in actions]
         if missing:

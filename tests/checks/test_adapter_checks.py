@@ -1,4 +1,4 @@
-"""The checker of adapters: those that ship are accepted, and of a planted fault the rule is named."""
+"""The checker of adapters accepts shipped adapters, and names the rule of every planted fault."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BAD: dict[str, list[type]] = {}
 
 
 class Shifted:
-    """A predictor with a state, to be put an adapter around."""
+    """A predictor with a state, for adapters."""
 
     def __init__(self):
         self.shift = np.zeros(2, np.float32)
@@ -85,7 +85,7 @@ class SharesWhatItWasGiven(Bias):
 
 @breaks("learning")
 class RemembersWhatItSaid(Bias):
-    """What observe is to learn from is kept by predict, so that it depends on who was asked last."""
+    """Method predict stores its answer for observe."""
 
     def reset(self):
         super().reset()
@@ -114,7 +114,7 @@ class LearnsFromNothing(Bias):
 
 @breaks("order")
 class RemembersInItsClass(Bias):
-    """What one of them was told, all others know: what comes is known to whoever plays the same stream later."""
+    """All instances know the observations of each: a later run over the same stream knows its future."""
 
     memory: dict = {}  # noqa: RUF012
 
@@ -143,7 +143,7 @@ class ForgetsHalf(Bias):
 
 @breaks("restart")
 class DrawsOnAndOn(Bias):
-    """A generator that goes on after a reset, and is no attribute."""
+    """A hidden generator that reset does not restore."""
 
     def __init__(self, of):
         rng = np.random.default_rng(0)
@@ -172,16 +172,16 @@ class PicklesWithoutMomentum(Bias):
         return _without_momentum, (type(self), self.__dict__)
 
     def __deepcopy__(self, memo):
-        made = type(self).__new__(type(self))
-        made.__dict__.update(copy.deepcopy(self.__dict__, memo))
-        return made
+        twin = type(self).__new__(type(self))
+        twin.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        return twin
 
 
 def _without_momentum(kind, state):
-    made = kind.__new__(kind)
-    made.__dict__.update(copy.deepcopy(state))
-    made.step = np.zeros((12, 2))
-    return made
+    twin = kind.__new__(kind)
+    twin.__dict__.update(copy.deepcopy(state))
+    twin.step = np.zeros((12, 2))
+    return twin
 
 
 @breaks("memory")
@@ -197,7 +197,7 @@ class KeepsEverything(Bias):
 
 @breaks("online")
 class TakesEachAgentOnce(Bias):
-    """Fails where several scenes of the same people are told together."""
+    """Fails if several scenes of the same people are observed together."""
 
     def observe(self, truth):
         super().observe(truth)
@@ -221,16 +221,16 @@ def test_adapters_that_ship_are_accepted(name):
         ("tests.bias:Bias:rate=0.1", "stand_still", None),
     ],
 )
-def test_so_are_they_around_others_and_on_a_domain(adapter, of, domain):
+def test_adapters_are_accepted_around_other_predictors_and_on_a_domain(adapter, of, domain):
     check_adapter(adapter, of, domain)
 
 
-def test_an_instance_is_checked_and_stays_as_it_was():
-    made, of = Bias(mg.predictor(PLAIN)), Shifted()
-    before = snapshot(made), snapshot(of)
-    check_adapter(made)
+def test_an_instance_is_checked_and_not_changed():
+    adapter, of = Bias(mg.predictor(PLAIN)), Shifted()
+    before = snapshot(adapter), snapshot(of)
+    check_adapter(adapter)
     check_adapter(Bias, of)
-    assert (snapshot(made), snapshot(of)) == before
+    assert (snapshot(adapter), snapshot(of)) == before
 
 
 ALSO = {
@@ -238,14 +238,14 @@ ALSO = {
     RemembersInItsClass: {"restart", "twins", "unknown", "learning", "online"},
     DrawsOnAndOn: {"online", "order"},
 }
-"""What else such a fault breaks."""
+"""Further rules that a fault breaks."""
 
 
 @pytest.mark.parametrize(("rule", "kind"), [(rule, kind) for rule, kinds in BAD.items() for kind in kinds])
 def test_a_broken_rule_is_named_and_no_other(rule, kind):
     RemembersInItsClass.memory.clear()
-    found = [problem.rule for problem in run_checks(kind, "adapter", of=Shifted()).problems]
-    assert rule in found and set(found) <= {rule} | ALSO.get(kind, set())
+    broken = [problem.rule for problem in run_checks(kind, "adapter", of=Shifted()).problems]
+    assert rule in broken and set(broken) <= {rule} | ALSO.get(kind, set())
 
 
 def test_every_rule_has_a_planted_fault():
@@ -267,12 +267,12 @@ class Several(Bias):
         self.seen.append(truth)
 
 
-def test_everything_is_said_at_once():
+def test_all_broken_rules_are_reported_at_once():
     with pytest.raises(PredictorError) as error:
         check_adapter(Several, PLAIN)
     text = str(error.value)
     assert text.startswith("Several breaks 3 rules of the adapter contract:\n- attributes: ")
-    assert "\n- restart: after reset, step is not as at the start: bring back" in text
+    assert "\n- restart: after reset, step is not as at the start: restore" in text
     assert "\n- memory: it holds" in text and "deque(maxlen=64)" in text
 
 
@@ -282,7 +282,7 @@ class Drifts(Bias):
         return super().predict(observation, samples, seed)
 
 
-def test_what_breaks_the_contract_of_a_predictor_is_found_too():
+def test_broken_rules_of_predictors_are_reported():
     assert [problem.rule for problem in run_checks(Drifts(mg.predictor(PLAIN)), "adapter").problems] == ["pure"]
 
 
@@ -293,7 +293,7 @@ def test_what_breaks_the_contract_of_a_predictor_is_found_too():
         ("kalman", "linaer", None, SpecError, "no predictor `linaer`. Did you mean `linear`"),
         ("none", PLAIN, "orka", SpecError, "no domain `orka`. Did you mean `orca`"),
         ("style", "linear", None, PredictorError, "reads no style"),
-        (Shifted, PLAIN, None, PredictorError, "adapter: it has no observe, reset: define"),
+        (Shifted, PLAIN, None, PredictorError, "adapter: `Shifted` is no adapter, as its constructor"),
         (
             "none",
             "modular",
@@ -303,7 +303,7 @@ def test_what_breaks_the_contract_of_a_predictor_is_found_too():
         ),
     ],
 )
-def test_what_cannot_be_checked_is_said(adapter, of, domain, error, message):
+def test_arguments_that_cannot_be_checked_are_refused(adapter, of, domain, error, message):
     with pytest.raises(error, match=message):
         check_adapter(adapter, of, domain)
 
@@ -318,7 +318,7 @@ def test_the_command_line_checks_adapters(capsys, monkeypatch):
     out = capsys.readouterr().out
     assert "own_adapter:Stretch around constant_velocity keeps the contract of an adapter" in out
     assert out.count("no leak") == 2
-    main(["check", "kalman", "--of", "linear", "--domain", "orca:scenes=6"])
+    main(["check", "kalman", "--of", "linear", "--only", "adapter"])
     assert "kalman around linear keeps the contract of an adapter" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["check", "style", "--of", "linear"])

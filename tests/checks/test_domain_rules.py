@@ -1,4 +1,4 @@
-"""The rules of domains: of a planted fault its rule is named and no other."""
+"""The rules of domains: the report names the rule of every planted fault, and no other rule."""
 
 import copy
 import dataclasses
@@ -45,7 +45,7 @@ class NoDomain:
 
 
 class ProtocolOnly:
-    """Has the members of a domain, and cuts its windows itself."""
+    """Has the members of a domain, but cuts its own windows."""
 
     card, recordings, world, windows = Street().card, Street().recordings, "own", Street().windows
 
@@ -65,7 +65,7 @@ class HiddenParameter(Street):
 
 
 class Thawed(Street):
-    """Hands out the arrays that it keeps."""
+    """Returns its own arrays."""
 
     def recordings(self, split):
         self.check_split(split)
@@ -86,15 +86,15 @@ class Featured(Street):
 
 
 def kind(base=Street, **members):
-    """A class that pickle finds, with some members changed."""
+    """A subclass with changed members, which pickle can import."""
     name = f"Planted{len(vars(sys.modules[__name__]))}"
-    made = type(name, (base,), {"__module__": __name__, **members})
-    globals()[name] = made
-    return made
+    domain_class = type(name, (base,), {"__module__": __name__, **members})
+    globals()[name] = domain_class
+    return domain_class
 
 
 def cut(change, splits=("reference",)):
-    """Method ``recordings`` that changes the test recording and gives it for some splits."""
+    """Method ``recordings`` that returns the changed test recording for some splits."""
 
     def recordings(self, split):
         recording = Street.recordings(self, "test" if split in splits else split)[0]
@@ -190,7 +190,7 @@ def test_a_missing_domain_file_is_no_finding():
         checks.check_domain(Missing())
 
 
-def test_findings_of_a_domain_are_said_at_once():
+def test_all_broken_rules_of_a_domain_are_reported_at_once():
     domain = kind(card=with_card(name="", parameters={"sed": 0}), recordings=cut(a_frame_later))
     with pytest.raises(SpecError, match=r"(?s)breaks 3 rules of the domain contract:.*- card: .*- reference: .*- p"):
         checks.check_domain(domain)

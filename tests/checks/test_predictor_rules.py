@@ -1,4 +1,4 @@
-"""The rules of predict: a predictor that keeps them is accepted; of a planted fault its rule is named and no other."""
+"""The rules of predict: good predictors are accepted, and the report names the rule of every planted fault."""
 
 import random
 
@@ -44,7 +44,7 @@ class GoodModes:
 
 
 class GoodPairs(Good):
-    """Made for scenes of two agents with a third feature."""
+    """Takes scenes of two agents with a third feature."""
 
     def predict(self, observation, samples=1, seed=0):
         if (np.diff(observation.scene) != 2).any() or observation.history.shape[2] != 3:
@@ -53,7 +53,7 @@ class GoodPairs(Good):
 
 
 class GoodCache(Good):
-    """Remembers answers, which changes none of them."""
+    """Caches answers without changing them."""
 
     def __init__(self):
         self.cache, self.shape = {}, None

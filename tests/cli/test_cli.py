@@ -396,7 +396,10 @@ def test_predictor_that_fails_does_not_take_the_others_along(capsys):
         ("score linear --domain orca:d=wide", "`d=wide` of domain `orca` must be a number"),
         ("score linear --domain orca:d", "Write `orca:key=value`"),
         ("score linear --domain orca:d=0.1,x", "`x` in `orca:d=0.1,x` is not a parameter"),
-        ("score linear --domain orca:scenes=9 --protocol papre", "no protocol `papre`. Did you mean `paper`?"),
+        (
+            "score linear --domain orca:scenes=9 --protocol papre",
+            "`protocol=papre` is not known. Did you mean `paper`",
+        ),
         ("score linear --domain orca:scenes=9 --split tets", "no split `tets`. Did you mean `test`?"),
         ("score linear --domain orca:scenes=9 --k 0", "`k=0` must be a whole number, 1 or more"),
         ("score linear --domain orca:scenes=9 --seed -1", "`seed=-1` must be a whole number, 0 or more"),

@@ -1,4 +1,4 @@
-"""Scores do not depend on where in the world a place lies: positions are handed out relative to a float64 origin."""
+"""Scores do not depend on the coordinates of a place: positions are relative to a float64 origin."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ WEIGHTS = {
     **dict.fromkeys(("erm_no_sigma", "modular_stgat"), "style/crowd"),
 }
 SPECIAL = ("transfer", "refine", "orca_oracle")
-"""Needs scenes of another domain, an adapter, needs scenes of ORCA."""
+"""Predictors that need scenes of another domain, an adapter, and one that needs scenes of ORCA."""
 SAME_NETWORK = ("invariant", "vrex", "group_dro", "style_invariant", "modular_invariant")
-"""Other weights of a network that is tested."""
+"""Predictors with other weights of a tested network."""
 PREDICTORS = [name for name in catalog.PREDICTORS if name not in SPECIAL + SAME_NETWORK]
 
 
 class Walkers(RecordedDomain):
-    """Pairs of people who walk straight, or nearly, each at a pace of their own; to a millimetre, as in a file."""
+    """Pairs of people who walk straight, or nearly, each at its own pace; to a millimetre, as in a file."""
 
     name = "walkers"
 
@@ -65,8 +65,8 @@ def scores(predictor: str, shift: float) -> dict[str, float]:
 
 
 def online(predictor: str, shift: float, adapter: str | None = None) -> float:
-    made = predictor if adapter is None else motion_gym.adapter(adapter, predictor)
-    return motion_gym.evaluate_online(made, Walkers(shift, -shift)).ade.mean
+    learner = predictor if adapter is None else motion_gym.adapter(adapter, predictor)
+    return motion_gym.evaluate_online(learner, Walkers(shift, -shift)).ade.mean
 
 
 @pytest.mark.parametrize("predictor", PREDICTORS)

@@ -159,9 +159,9 @@ def test_unusable_cache_folder_warns(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_second_call_reads_the_cache(cache: Path) -> None:
-    made = cached_arrays(KEY, make)
-    assert same(made, make())
-    assert same(cached_arrays(dict(reversed(KEY.items())), refuse), made)
+    arrays = cached_arrays(KEY, make)
+    assert same(arrays, make())
+    assert same(cached_arrays(dict(reversed(KEY.items())), refuse), arrays)
     (entry,) = os.listdir(cache)
     assert entry.startswith("eth-windows-") and entry.endswith(".npz")
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 import motion_gym
 from motion_gym.contract import Observation, Recording, Truth
-from motion_gym.data.windows import Tracks, pick_scenes, positions_only, stack, windows_of
+from motion_gym.data.windows import Tracks, pick_scenes, positions_only, stack
+from tests.windows import windows_of
 
 WHOLE = {
     "eth": (70, 181),
@@ -32,7 +33,7 @@ SPELLS = st.sampled_from((1, 7, 8, 12, 19, 20, 22, 30))
 
 @st.composite
 def recordings(draw):
-    """Up to five agents, each in sight for up to three spells; a frame is listed only if somebody is in sight."""
+    """Up to five agents, each in sight for up to three spells; a frame is listed only if an agent is in sight."""
     rows = []
     for agent in draw(st.lists(st.integers(0, 9), unique=True, max_size=5)):
         frame = draw(st.integers(0, 6))
@@ -51,13 +52,13 @@ def plain_windows(recording: Recording, min_agents: int, stride: int):
         (int(f), int(a)): tuple(xy) for f, a, xy in zip(recording.frame, recording.agent, recording.xy, strict=True)
     }
     ids = sorted({a for _, a in where})
-    found = []
+    windows = []
     for start in range(0, len(frames) - 19, stride):
         chosen = frames[start : start + 20]
         complete = [a for a in ids if all((f, a) in where for f in chosen)]
         if len(complete) >= max(1, min_agents):
-            found.append((complete, [[where[f, a] for f in chosen] for a in complete]))
-    return found
+            windows.append((complete, [[where[f, a] for f in chosen] for a in complete]))
+    return windows
 
 
 def assert_windows(truth: Truth, expected) -> None:

@@ -15,8 +15,8 @@ from motion_gym.contract import DataError, SpecError
 from motion_gym.data import datasets
 from motion_gym.data.recordings import read_recording
 from motion_gym.data.storage import data_folder
-from motion_gym.data.windows import windows_of
 from motion_gym.scoring.evaluation import evaluate
+from tests.windows import windows_of
 
 make: Any = motion_gym.domain
 

@@ -18,9 +18,9 @@ from scipy.stats import ks_2samp
 import motion_gym
 from motion_gym.contract import SpecError
 from motion_gym.data.storage import data_folder
-from motion_gym.data.windows import windows_of
 from motion_gym.envs.orca import Orca
 from motion_gym.scoring.evaluation import evaluate
+from tests.windows import windows_of
 
 make: Any = motion_gym.domain
 

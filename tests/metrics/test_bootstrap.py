@@ -27,7 +27,7 @@ def samples(draw):
 
 
 def plain_interval(values, cluster, level, replicates, seed):
-    """Draws ids one replicate at a time and pools their values."""
+    """Resamples ids one replicate at a time and pools their values."""
     ids, rng = sorted(set(cluster.tolist())), np.random.default_rng(seed)
     groups = [values[(cluster == i) & np.isfinite(values)] for i in ids]
     everything = np.concatenate([np.empty(0), *groups])
@@ -71,7 +71,7 @@ def test_metrics_side_by_side_are_as_each_alone():
     rng = np.random.default_rng(0)
     values, cluster = rng.random((60, 3)), rng.integers(0, 9, 60)
     values[:, 1] = np.nan
-    together = clustered_interval(values, cluster, replicates=200)
+    together = clustered_interval(values[None], cluster, replicates=200)
     assert together.mean.shape == (3,)
     for column in range(3):
         alone = clustered_interval(values[:, column], cluster, replicates=200)
@@ -163,12 +163,12 @@ def test_small_samples_get_ten_thousand_replicates(agents, replicates):
 def test_draws_that_agree_add_nothing(sample, draws):
     values, cluster = sample
     alone = clustered_interval(values, cluster, replicates=60)
-    over = bootstrap.interval_over_draws(np.tile(values, (draws, 1)), cluster, replicates=60)
+    over = clustered_interval(np.tile(values, (draws, 1)), cluster, replicates=60)
     np.testing.assert_allclose(over, alone, rtol=1e-9)
 
 
 def plain_interval_over_draws(values, cluster, replicates, seed):
-    """Draws draws and agents one replicate at a time and pools their values."""
+    """Resamples draws and agents one replicate at a time and pools their values."""
     ids = np.unique(cluster)
     by_draw, by_agent = np.random.default_rng((seed, 1)), np.random.default_rng(seed)
     means = []
@@ -186,17 +186,17 @@ def test_draws_and_agents_are_resampled_together(draws, seed):
     rng = np.random.default_rng(seed)
     values, cluster = rng.normal(size=(draws, 40)), np.arange(40) % 7
     values[:, 5] = np.nan
-    found = bootstrap.interval_over_draws(values, cluster, replicates=50, seed=3)
-    np.testing.assert_allclose(found, plain_interval_over_draws(values, cluster, 50, 3), rtol=1e-9)
-    metrics = bootstrap.interval_over_draws(np.stack([values, values + 1], axis=2), cluster, replicates=50, seed=3)
-    np.testing.assert_allclose([part[0] for part in metrics], found, rtol=1e-9)
+    interval = clustered_interval(values, cluster, replicates=50, seed=3)
+    np.testing.assert_allclose(interval, plain_interval_over_draws(values, cluster, 50, 3), rtol=1e-9)
+    metrics = clustered_interval(np.stack([values, values + 1], axis=2), cluster, replicates=50, seed=3)
+    np.testing.assert_allclose([part[0] for part in metrics], interval, rtol=1e-9)
 
 
 def test_an_interval_over_draws_has_the_width_of_both_sources():
     rng = np.random.default_rng(6)
     draws, agents = 200, 400
     values = rng.normal(0, 1, (draws, 1)) + rng.normal(0, 2, (1, agents))
-    _, low, high = bootstrap.interval_over_draws(values, np.arange(agents), replicates=4000)
+    _, low, high = clustered_interval(values, np.arange(agents), replicates=4000)
     half = 1.96 * np.sqrt(values.mean(axis=1).var() / draws + values.mean(axis=0).var() / agents)
     assert (high - low) / 2 == pytest.approx(half, rel=0.08)
     difference = paired_difference(values, np.zeros(agents), np.arange(agents), replicates=4000)
@@ -216,7 +216,7 @@ def test_a_summary_over_draws_counts_agent_windows_once():
         ({"replicates": 0}, "replicates is 0"),
         ({"cluster": np.arange(4)}, r"cluster has shape \(4,\), expected \(3,\)"),
         ({"values": np.array([1, np.inf, 2])}, "infinite"),
-        ({"values": np.zeros((3, 1, 1))}, r"\(3, 1, 1\), expected \[A\] or \[A, M\]"),
+        ({"values": np.zeros((1, 3, 1, 1))}, r"\(1, 3, 1, 1\), expected \[A\], \[D, A\] or \[D, A, M\]"),
     ],
 )
 def test_bad_arguments_are_named(change, message):

@@ -1,4 +1,4 @@
-"""Evaluation on streams: the totals, what is told when, what is forgotten, what an update costs, what is refused."""
+"""Evaluation on streams: totals, labels, scopes, costs of updates, and refused arguments."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_a_place_begins_as_if_nothing_was_before(adapter):
 
 
 def test_of_an_agent_of_its_own_nothing_is_learned_from_others():
-    """In these crowds nobody is there when the first truth about them comes."""
+    """In these crowds all agents have left before the first ground truth is revealed."""
     none, alone, all_of_them = (
         evaluate_online(catalog.adapter(name, SOURCE), CROWD, scope=scope)
         for name, scope in (("none", "agent"), ("finetune", "agent"), ("finetune", "stream"))
@@ -168,7 +168,7 @@ def test_each_agent_learns_from_the_scenes_that_it_is_in():
 
 
 class Knows:
-    """An oracle: told where it is, and learns besides."""
+    """An oracle that also learns."""
 
     def __init__(self):
         self.style = 0.0
@@ -196,7 +196,7 @@ def test_an_oracle_is_told_where_it_is_and_named_one_whatever_the_scope(scope):
 
 
 class Counts:
-    """Forecasts by how much it has learned: each truth moves it by a metre."""
+    """Each observation moves its forecasts by a metre."""
 
     def __init__(self):
         self.learned = 0
@@ -243,7 +243,7 @@ def test_a_declared_cost_repeats_exactly_and_one_that_never_ends_learns_nothing(
 
 
 class LearnsWhenAsked(Bias):
-    """Takes what it sees for a truth."""
+    """Learns from observations in predict."""
 
     def predict(self, observation, samples=1, seed=0):
         self.bias = self.bias + np.diff(observation.xy[:, -2:], axis=1).mean()
@@ -273,7 +273,7 @@ def test_updates_that_cannot_be_used_are_taken_back_and_counted(scope):
 
 
 class Nowhere(Bias):
-    """Is off to infinity after a while."""
+    """Forecasts infinite positions after some updates."""
 
     def observe(self, truth):
         super().observe(truth)
@@ -286,7 +286,7 @@ class Nowhere(Bias):
     [
         ({"labels": "mature"}, SpecError, "`labels=mature` is not known. Did you mean `matured`"),
         ({"scope": "places"}, SpecError, "`scope=places` is not known. Did you mean `place`"),
-        ({"cost": -1.0}, SpecError, "`cost=-1.0` must be a number of seconds, 0 or more"),
+        ({"cost": -1.0}, SpecError, "`cost=-1.0` must be a number, 0 or more"),
         ({"seed": -1}, SpecError, "`seed=-1`"),
         ({"predictor": "linea"}, SpecError, "Did you mean `linear`"),
         ({"on": "orka"}, SpecError, "Did you mean `orca`"),
@@ -320,7 +320,7 @@ def test_a_card_says_what_came_out_by_segment_and_over_time():
 
 
 def test_a_loop_of_ones_own_gives_the_same():
-    """Outstanding and an adapter, driven by hand over a stream."""
+    """A loop over a stream with Outstanding and an adapter."""
     made, errors, waiting = catalog.adapter("kalman", fitted_linear()), [], mg.Outstanding()
     scenes = scenes_of(stream(STREET).clock)
     for now, scene in scenes.items():

@@ -1,4 +1,4 @@
-"""A run that was stopped goes on to the same result."""
+"""A stopped run continues to the same result."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path, monkeypatch):
 
 
 def stopped(path, monkeypatch, predictor, on=STREET):
-    """Begin a run, and stop it once its checkpoint is there."""
+    """Start a run, and stop it once its checkpoint exists."""
     monkeypatch.setattr(online, "SAVED_EVERY", 0.0)
 
     def stop(done, of, what):
@@ -132,7 +132,7 @@ def stopped(path, monkeypatch, predictor, on=STREET):
 
 
 class Fixed:
-    """Forecasts an array of its own, which no name or setting shows."""
+    """Forecasts a stored array, which is no part of its name or settings."""
 
     name = "fixed"
 
@@ -161,7 +161,7 @@ def test_a_checkpoint_continues_no_stream_of_other_data(tmp_path, monkeypatch):
 
 
 class Planted:
-    """Runs code where it is unpickled."""
+    """Runs code when it is unpickled."""
 
     def __reduce__(self):
         return os.mkdir, (os.environ["PLANTED"],)
@@ -216,7 +216,7 @@ def test_a_checkpoint_that_cannot_be_written_is_warned_about_once_and_the_run_go
 
 
 class Remembers:
-    """Keeps in its class what happened, and forecasts it in the next run."""
+    """Stores the future in its class, and forecasts it in the next run."""
 
     memory: ClassVar[dict] = {}
 
@@ -237,7 +237,7 @@ class Remembers:
 
 
 class RemembersElsewhere(Remembers):
-    """The same, in the class of an object that it holds, under a name that was not there."""
+    """Stores the future in a new attribute of the class of an object that it holds."""
 
     class Store:
         pass

@@ -1,4 +1,4 @@
-"""Scenes are known by when and where they were; the evaluator, the clock and the environment tell the same ones."""
+"""Scenes are identified by time and place, equally in the evaluator, the clock and the environment."""
 
 import doctest
 
@@ -27,7 +27,7 @@ def test_the_example_of_the_documentation_is_true():
 
 
 class Walks(RecordedDomain):
-    """Three people who walk side by side, or stand; with or without noise that nobody sees."""
+    """Three people who walk side by side, or stand, with or without invisible noise."""
 
     name = "walks"
 
@@ -49,7 +49,7 @@ class Walks(RecordedDomain):
 
 
 def test_scenes_that_look_alike_are_learned_from_each():
-    """Noise of a tenth of a millimetre, which makes scenes look different, changes next to nothing."""
+    """Noise of a tenth of a millimetre makes scenes look different, but hardly changes scores."""
     source = mg.predictor("linear").fit([Walks(False).windows("train")], [Walks(False).windows("train")], 0)
     cards = [evaluate_online(catalog.adapter("kalman", source), Walks(jitter=jitter)) for jitter in (0.0, 1e-4)]
     assert cards[0].updates == cards[1].updates > 20
@@ -80,7 +80,7 @@ def test_every_adapter_scores_in_the_environment_as_in_the_evaluator(adapter):
 
 
 def loop(predictor, env):
-    """The loop of the examples; the predictor learns from what is revealed."""
+    """The loop of the examples; the predictor learns from revealed ground truth."""
     observations, _ = env.reset()
     while env.agents:
         seen = mg.observation_from_dict(observations, env.domain.card.dt, env.agents, env.clock.time)
@@ -123,7 +123,7 @@ class Folder(RecordedDomain):
         self.path = path
 
     def recordings(self, split):
-        """The same for all splits."""
+        """The same recording for all splits."""
         return [mg.read_recording(f"{self.path}/walk.txt", dt=0.4)]
 
 
@@ -146,7 +146,7 @@ def test_frames_that_are_no_multiple_are_said_to_be_cut_and_too_many_are_refused
 
 
 class Array:
-    """Returns an array alone."""
+    """Returns an array, not a Forecast."""
 
     def __init__(self, pace: float = 1.0):
         self.pace = pace

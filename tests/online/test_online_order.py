@@ -1,4 +1,4 @@
-"""Nothing is forecast or scored by what was learned from it: two worlds that are the same up to a time."""
+"""No forecast or score depends on later ground truth: runs over two domains that are equal up to a time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FOR_STGAT = [
 
 
 def otherwise(place, after, leave):
-    """A copy of a domain whose positions are others after a listed frame; people also leave then, if they may."""
+    """A copy of a domain with different positions after a listed frame; people may also leave."""
     other = copy.copy(place)
 
     def recordings(split):
@@ -51,7 +51,7 @@ def otherwise(place, after, leave):
 
 
 def seen_before(make, place, frames, after, leave=False, **options):
-    """What differs up to ``after`` between two worlds that are the same until then, and how much there was to see."""
+    """Differences up to ``after`` between runs over two domains that are equal until then, and the compared number."""
     tapes, cards, times = [], [], []
     place = catalog.domain(place)
     for world in (place, otherwise(place, after, leave)):
@@ -106,7 +106,7 @@ def test_nor_does_a_linear_one(adapter, labels, scope):
 
 
 class Foresees(Bias):
-    """Learns from a scene's own truth before it forecasts it, though it changes nothing that it holds."""
+    """Learns from the ground truth of a scene before the forecast, without a change of its state."""
 
     def __init__(self, of, world, frames):
         super().__init__(of)

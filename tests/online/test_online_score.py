@@ -89,7 +89,7 @@ def test_blocks_of_a_phase_are_means_of_consecutive_forecasts():
 
 
 def phase(*errors):
-    """A shift with blocks of these errors, one forecast every two seconds."""
+    """A shift with blocks of the given errors, one forecast every two seconds."""
     return {"blocks": [[BLOCK * n, 200.0 * n, ade] for n, ade in enumerate(errors, 1)]}
 
 

@@ -1,4 +1,4 @@
-"""Streams: which frames of which domain are played when, that nobody is carried over, and what is refused."""
+"""Streams: the order of frames and domains, borders between segments, and refused arguments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.street import Street
 from tests.taped import scenes_of
 
 SLOW, FAST, OTHER = (Street(style, seed, 900) for style, seed in ((0.5, 0), (2.0, 0), (0.5, 1)))
-"""The first two are one place, in which people walk in two styles."""
+"""The first two domains are one place with two walking styles."""
 CUTS = [(0, 100), (100, 160)]
 
 
@@ -70,7 +70,7 @@ def test_sudden_and_recurring_visits_go_on_where_the_last_one_ended():
 
 
 def test_gradual_streams_go_from_one_domain_to_the_next():
-    """Chance decides each of them: shares are over several seeds."""
+    """Blocks are random, so shares are computed over several seeds."""
     quarters, back_and_forth = [], 0
     for seed in range(8):
         played = stream([SLOW, OTHER], "gradual", 800, seed=seed)
@@ -165,7 +165,7 @@ def test_frames_of_all_recordings_are_counted():
         (lambda: stream({SLOW, OTHER}), "are played in order: give a list, not a set"),
         (lambda: stream([]), "needs at least one domain"),
         (lambda: stream("orka"), "no domain `orka`. Did you mean `orca`"),
-        (lambda: stream([SLOW, OTHER], "suden"), "no kind of stream `suden`. Did you mean `sudden`"),
+        (lambda: stream([SLOW, OTHER], "suden"), "`kind=suden` is not known. Did you mean `sudden`"),
         (lambda: stream([SLOW, OTHER], split="tets"), "no split `tets`. Did you mean `test`"),
         (lambda: stream([SLOW, OTHER], seed=-1), "`seed=-1`"),
         (lambda: stream([SLOW, OTHER], "mixed", cycles=0), "`cycles=0`"),

@@ -1,5 +1,6 @@
 """The baselines: numbers of the reference, geometry, and what they say when they cannot forecast."""
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -141,7 +142,7 @@ def test_linear_learns_from_complete_agents_only():
     known = truth.known.copy()
     known[::2, 5:] = False
     future = np.where(known[..., None], truth.future, np.float32(1e6))
-    complete = pick_scenes(trials.writable(truth), slice(None))
+    complete = pick_scenes(copy.deepcopy(truth), slice(None))
     rows = np.flatnonzero(known.all(axis=1))
     here = dataclasses.replace(
         truth.observation,

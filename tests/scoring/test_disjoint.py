@@ -1,4 +1,4 @@
-"""What a predictor is shown, trained on or tuned on must not be what is scored: refused, or declared on the card."""
+"""Scenes that a predictor observes or learns from must not be scored: this is refused, or declared on the card."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tests.street import Street
 
 
 class Own(RecordedDomain):
-    """A domain of a user whose splits are cut as ``frames`` says."""
+    """A user's domain; ``frames`` gives the frames of its splits."""
 
     name = "own"
     frames = {"train": (0, 200), "val": (200, 300), "test": (300, 500), "reference": (500, 600)}  # noqa: RUF012
@@ -32,7 +32,7 @@ class Own(RecordedDomain):
 
 
 class Observing(ConstantVelocity):
-    """Is shown reference scenes and shots, and keeps nothing."""
+    """Observes reference scenes and shots, and stores nothing."""
 
     def observe(self, truth):
         pass
@@ -68,7 +68,7 @@ def test_training_frames_that_are_scored_are_declared():
 
 
 class TrainedOn(ConstantVelocity):
-    """Names what it was trained on and what its settings were chosen on."""
+    """Names the domains of its training and of the choice of its settings."""
 
     def __init__(self, trained_on=(), chosen_on=()):
         super().__init__()

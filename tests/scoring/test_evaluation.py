@@ -1,87 +1,25 @@
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 import pytest
 
 import motion_gym
 from motion_gym.catalog import PREDICTORS
-from motion_gym.contract import Forecast, PredictorError, SpecError
+from motion_gym.contract import PredictorError, SpecError
 from motion_gym.metrics.errors import error_by_horizon, metric_rows
 from motion_gym.scoring.evaluation import PAPER_BATCH, Scorecard, compare, evaluate
 from motion_gym.stepping.harness import ask
-from tests.crowd_with_sigma import CrowdWithSigma
-
-make: Any = motion_gym.domain
-
-ROUNDING = 1e-4
-"""Metres. Arrays ask for all windows in one matrix product, the environment for one window at a time, and a processor
-chooses the order of additions by the shape. float32 of some metres keeps 1e-6; 20 recurrent steps make 3e-5 of it."""
-CROWD = CrowdWithSigma(d=0.6, agents=3, scenes=12)
-PAIRS = make("orca", d=0.6, scenes=150)
-
-
-class Noisy:
-    """Draws around the last position; every agent from its own numbers, so that batches do not matter."""
-
-    selection = "no weights"
-
-    def predict(self, observation, samples=1, seed=0):
-        last = observation.xy[:, None, -1:]
-        noise = [np.random.default_rng([seed, int(a)]).normal(size=(samples, 12, 2)) for a in observation.agent]
-        return (last + np.array(noise)).astype(np.float32)
-
-
-class Weighted(Noisy):
-    """The most likely sample is not the first."""
-
-    def predict(self, observation, samples=1, seed=0):
-        positions = super().predict(observation, samples, seed)
-        weights = np.tile(np.arange(1, samples + 1, dtype=np.float32), (len(positions), 1))
-        return Forecast(positions, weights)
-
-
-class Log:
-    """What was done to a predictor; its copies write into the same log."""
-
-    def __init__(self):
-        self.scenes, self.resets = [], 0
-
-    def __deepcopy__(self, memo):
-        return self
-
-
-class Counts:
-    """Remembers what it was shown, and forecasts it where it can."""
-
-    def __init__(self, log=None):
-        self.log = log or Log()
-        self.future = []
-
-    def reset(self):
-        self.log.resets += 1
-        self.future = []
-
-    def observe(self, truth):
-        self.log.scenes.append(truth.observation.scenes)
-        self.future.append(truth.future)
-
-    def predict(self, observation, samples=1, seed=0):
-        if self.future and len(self.future[-1]) == len(observation):
-            return self.future[-1][:, None]  # what a leak is good for
-        return np.repeat(observation.xy[:, None, -1:], 12, axis=2)
+from tests.predictors_to_score import CROWD, PAIRS, ROUNDING, Counts, Noisy, Weighted, make
 
 
 @pytest.mark.parametrize(
     ("name", "k"), [("noisy", 1), ("linear", 1), *((name, 3) for name in (*PREDICTORS, "noisy", "weighted"))]
 )
 def test_stepping_the_environment_gives_the_same_scores(name, k):
-    made = {"noisy": Noisy, "weighted": Weighted}.get(name, name)
+    predictor = {"noisy": Noisy, "weighted": Weighted}.get(name, name)
     pairs = name in ("refine", "transfer") or name.startswith(("style_", "modular"))
     place = PAIRS if pairs else CROWD
-    one, other = (evaluate(made, place, k=k, seed=3, through=through) for through in ("arrays", "environment"))
+    one, other = (evaluate(predictor, place, k=k, seed=3, through=through) for through in ("arrays", "environment"))
     assert list(one.metrics) == list(other.metrics) == [row.name for row in metric_rows(k)]
     for metric in one.metrics:
         # A log density of a few samples divides squared distances by the square of the kernel's width, 0.01 m or so.
@@ -299,103 +237,3 @@ def test_predictor_without_a_selection_is_said_to_have_none():
 def test_domain_parameters_may_be_keywords():
     card = evaluate("stand_still", "orca", d=0.1, scenes=20)
     assert card.domain.parameters["d"] == 0.1 and card.domain.parameters["scenes"] == 20
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"protocol": "hones"}, "no protocol `hones`. Did you mean `honest`"),
-        ({"through": "array"}, "`through=array` is not known. Did you mean `arrays`"),
-        ({"k": 0}, "`k=0` must be a whole number, 1 or more"),
-        ({"k": -1}, "`k=-1`"),
-        ({"k": 2.5}, "`k=2.5`"),
-        ({"k": True}, "`k=True`"),
-        ({"seed": -1}, "`seed=-1` must be a whole number, 0 or more"),
-        ({"seed": 0.5}, "`seed=0.5`"),
-        ({"split": "tset"}, "no split `tset`. Did you mean `test`"),
-        ({"alpha": 3}, "already a domain"),
-    ],
-)
-def test_bad_options(wrong, message):
-    with pytest.raises(SpecError, match=message):
-        evaluate("constant_velocity", PAIRS, **wrong)
-
-
-@pytest.mark.parametrize(
-    ("predictor", "domain", "message"),
-    [
-        ("constant_velocty", "orca", "no predictor `constant_velocty`. Did you mean `constant_velocity`"),
-        ("constant_velocity", "ocra", "no domain `ocra`. Did you mean `orca`"),
-        ("constant_velocity:velocity=lst", "orca:scenes=5", "Did you mean `last`"),
-        ("constant_velocity", 3, "int cannot be used as domain"),
-        (3, "orca:scenes=5", "int cannot be used as predictor"),
-    ],
-)
-def test_bad_names(predictor, domain, message):
-    with pytest.raises(SpecError, match=message):
-        evaluate(predictor, domain)
-
-
-def broken(answer):
-    class Broken:
-        def predict(self, observation, samples=1, seed=0):
-            return answer(observation, samples)
-
-    return Broken()
-
-
-def change_input(observation, samples):
-    observation.history[:] = 0
-    return observation.xy[:, None, -1:]
-
-
-@pytest.mark.parametrize(
-    ("answer", "message"),
-    [
-        (lambda o, k: 1 / 0, "Broken.predict raised ZeroDivisionError: division by zero"),
-        (lambda o, k: None, "returned NoneType; return a Forecast or a numpy array"),
-        (lambda o, k: o.xy.tolist(), "returned list"),
-        (lambda o, k: np.zeros((len(o), 12, 2), np.float32), r"use positions\[:, None\]"),
-        (lambda o, k: np.zeros((1, k, 12, 2), np.float32), r"shape \(1, 2, 12, 2\) for \d+ agents, expected"),
-        (lambda o, k: np.zeros((len(o), k, 11, 2), np.float32), "expected .* agents, samples, future steps, x and y"),
-        (lambda o, k: np.zeros((len(o), 5, 12, 2), np.float32), "returned 5 samples and 2 were asked for"),
-        (lambda o, k: np.zeros((len(o), k, 12, 2), int), "dtype int64: positions are float32"),
-        (lambda o, k: np.full((len(o), k, 12, 2), math.nan, np.float32), "NaN or infinite .* row 0 .* must be finite"),
-        (lambda o, k: np.full((len(o), k, 12, 2), math.inf, np.float32), "every position must be finite"),
-        (lambda o, k: Forecast(np.zeros((len(o), k, 12, 2)), -np.ones((len(o), k))), "weights .* not negative"),
-        (change_input, r"may not change its input: work on a copy, as observation.history.copy\(\)"),
-    ],
-)
-def test_broken_predictor_is_named_with_a_remedy(answer, message):
-    with pytest.raises(PredictorError, match=message):
-        evaluate(broken(answer), PAIRS, k=2)
-
-
-def test_wrong_signature_is_explained():
-    class Old:
-        def predict(self, observation):
-            return observation.xy
-
-    with pytest.raises(PredictorError, match=r"signature is predict\(self, observation, samples=1, seed=0\)"):
-        evaluate(Old(), PAIRS)  # type: ignore[arg-type]
-
-
-def test_failing_observe_and_fit_are_named():
-    class Observes(Counts):
-        def observe(self, truth):
-            truth.future[:] = 0
-
-    class Fits(Counts):
-        def fit(self, train, validation, seed):
-            raise RuntimeError("no convergence")
-
-    with pytest.raises(PredictorError, match=r"Observes.observe raised .*work on a copy"):
-        evaluate(Observes(), PAIRS)
-    with pytest.raises(PredictorError, match=r"Fits.fit raised RuntimeError: no convergence"):
-        evaluate(Fits, PAIRS)  # type: ignore[arg-type]
-
-
-def test_evaluation_changes_nothing():
-    before = PAIRS.windows("test").future.copy()
-    evaluate("linear", PAIRS)
-    assert np.array_equal(PAIRS.windows("test").future, before)

@@ -1,4 +1,4 @@
-"""Verification by order: whoever uses later scenes of the batch is found, and honest predictors are accepted."""
+"""Verification by order: predictors that use later scenes of the batch are refused, and honest ones accepted."""
 
 import sys
 
@@ -50,7 +50,7 @@ class ReadsLaterWindows:
 
 
 class ReadsIntoItsClass(ReadsLaterWindows):
-    """The same, with what it remembers in its class."""
+    """Does the same with a store in its class."""
 
     store: dict = {}  # noqa: RUF012
 
@@ -72,18 +72,18 @@ def test_noise_that_is_drawn_for_the_batch_is_accepted_and_scored(k):
 
 @pytest.mark.parametrize("kind", [ReadsLaterWindows, ReadsIntoItsClass])
 def test_whoever_reads_later_windows_of_the_batch_is_found(kind):
-    made = kind()
-    assert evaluate(made, PLACE, verify=False).ade.mean < 0.8 * evaluate("constant_velocity", PLACE).ade.mean
+    predictor = kind()
+    assert evaluate(predictor, PLACE, verify=False).ade.mean < 0.8 * evaluate("constant_velocity", PLACE).ade.mean
     for _ in range(2):  # also when it remembers, in its class, what an earlier evaluation showed
         with pytest.raises(PredictorError, match="asked for that scene alone, in the order of time"):
-            evaluate(made, PLACE)
+            evaluate(predictor, PLACE)
     assert evaluate(kind(), PLACE, through="environment").verified.startswith("asked one window at a time")
 
 
 def test_the_predictor_of_the_caller_is_not_asked():
-    made = ReadsLaterWindows()
-    evaluate(made, PLACE, verify=False)
-    assert made._cache == {}
+    predictor = ReadsLaterWindows()
+    evaluate(predictor, PLACE, verify=False)
+    assert predictor._cache == {}
 
 
 class Plain:

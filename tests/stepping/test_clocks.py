@@ -5,68 +5,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import motion_gym
-from motion_gym.contract import DataError, Forecast, Observation, Recording, SpecError, Truth
-from motion_gym.data.windows import pick_scenes, positions_only, windows_of
+from motion_gym.contract import DataError, Forecast, Recording, SpecError
+from motion_gym.data.windows import pick_scenes, positions_only
 from motion_gym.metrics.errors import ade
-from motion_gym.stepping.clocks import Settled, Step
+from motion_gym.stepping.clocks import Step, WindowsClock
 from motion_gym.stepping.harness import ask
 from motion_gym.stepping.outstanding import Outstanding
 from motion_gym.stepping.stream_clock import StreamClock
-from motion_gym.stepping.windows_clock import WindowsClock
-
-SPELLS = st.sampled_from((1, 7, 8, 9, 12, 19, 20, 22, 30))
-some = settings(max_examples=30, deadline=None)
-
-
-@st.composite
-def recordings(draw):
-    """One or two places; agents leave, are lost and found again, and frames without anybody are not listed."""
-    places = []
-    for place in range(draw(st.integers(1, 2))):
-        rows = []
-        for agent in draw(st.lists(st.integers(0, 9), unique=True, max_size=4)):
-            frame = draw(st.integers(0, 12))
-            for spell in draw(st.lists(SPELLS, min_size=1, max_size=3)):
-                rows += [(3 + 10 * f, agent) for f in range(frame, frame + spell)]
-                frame += spell + draw(st.sampled_from((1, 2, 15)))
-        frame, agent = np.array(sorted(rows), np.int64).reshape(-1, 2).T
-        xy = np.random.default_rng([place, len(rows)]).normal(size=(len(rows), 2)).cumsum(axis=0)
-        places.append(Recording(frame, agent, xy, 0.4))
-    return places
-
-
-def positions_for(names: list[int], time: int, samples: int = 2) -> np.ndarray:
-    """[A, K, 12, 2] forecasts that depend on nothing but who forecasts, and when."""
-    inner = np.arange(samples * 24).reshape(samples, 12, 2)
-    outer = 7.3 * np.array(names, float).reshape(-1, 1, 1, 1) + 0.37 * time
-    return (9 * np.sin(outer + 1.9 * inner)).astype(np.float32)
-
-
-@dataclass
-class Played:
-    """What a clock handed out: its first step, and then what came of each forecast."""
-
-    steps: list[Step] = field(default_factory=list)
-    times: list[int] = field(default_factory=list)
-    ledger: Outstanding = field(default_factory=Outstanding)
-
-    def settled(self) -> list[Settled]:
-        return [s.settled for s in self.steps if s.settled is not None]
-
-
-def play(clock, samples: int = 2) -> Played:
-    played, step = Played(), clock.reset()
-    while True:
-        played.steps.append(step)
-        played.times.append(clock.time)
-        if not len(step.observation):
-            played.ledger = clock.ledger
-            return played
-        step = clock.step(Forecast(positions_for(step.identity.tolist(), clock.time, samples)))
+from tests.clock_plays import play, positions_for, recordings, some
+from tests.windows import windows_of
 
 
 @dataclass
@@ -77,7 +28,7 @@ class PlainStep:
     histories: list[list]
     rewards: list[float] = field(default_factory=list)
     settled: list[tuple] = field(default_factory=list)
-    """(made, name, agent, future, known) of each forecast that was settled on the way here"""
+    """(made, name, agent, future, known) of each forecast that was settled before this step"""
 
 
 def plain_stream(places: list[Recording]) -> list[PlainStep]:
@@ -100,17 +51,17 @@ def plain_stream(places: list[Recording]) -> list[PlainStep]:
         for agent in seen:
             path.setdefault(agent, []).append(seen[agent])
         errors: dict[int, list[float]] = {}
-        for made in outstanding:
-            if made["done"]:
+        for forecast in outstanding:
+            if forecast["done"]:
                 continue
-            if name_of.get(made["agent"]) == made["name"]:
-                known = path[made["agent"]][-1]
-                point = made["points"][len(made["future"])]
-                errors.setdefault(made["name"], []).append(float(np.hypot(*(point.astype(float) - known))))
-                made["future"].append(known)
-                made["done"] = len(made["future"]) == 12
+            if name_of.get(forecast["agent"]) == forecast["name"]:
+                known = path[forecast["agent"]][-1]
+                point = forecast["points"][len(forecast["future"])]
+                errors.setdefault(forecast["name"], []).append(float(np.hypot(*(point.astype(float) - known))))
+                forecast["future"].append(known)
+                forecast["done"] = len(forecast["future"]) == 12
             else:
-                made["done"] = True
+                forecast["done"] = True
         rewards = [-np.mean(errors[n]) if n in errors else 0.0 for n in steps[-1].names]
         waiting.rewards = [a + b for a, b in zip(waiting.rewards or [0.0] * len(rewards), rewards, strict=True)]
         open_scenes = {m["made"] for m in outstanding if not m["done"]}
@@ -127,8 +78,8 @@ def plain_stream(places: list[Recording]) -> list[PlainStep]:
         waiting.histories = [path[a][-8:] for a in observed]
         steps.append(waiting)
         for agent, points in zip(observed, positions_for(waiting.names, time)[:, 0], strict=True):
-            made = dict(made=time, name=name_of[agent], agent=agent, points=points, future=[], done=False)
-            outstanding.append(made)
+            forecast = dict(made=time, name=name_of[agent], agent=agent, points=points, future=[], done=False)
+            outstanding.append(forecast)
         waiting = PlainStep(-1, [], [], [])
     return steps[1:]
 
@@ -156,7 +107,7 @@ def test_stream_rewards_are_those_of_the_definition(places):
 @some
 @given(recordings())
 def test_stream_settles_each_scene_once_and_when_it_is_due(places):
-    made = set()
+    settled_forecasts = set()
     for step, expected in zip(play(StreamClock(places)).steps, plain_stream(places), strict=True):
         settled = step.settled
         assert (settled is None) == (not expected.settled)
@@ -173,13 +124,13 @@ def test_stream_settles_each_scene_once_and_when_it_is_due(places):
             np.testing.assert_array_equal(settled.truth.future[i, known], np.array(future, np.float32).reshape(-1, 2))
             assert (settled.truth.future[i, ~known] == 0).all()
             np.testing.assert_array_equal(settled.forecast.positions[i], positions_for([name], time)[0])
-            assert (time, name) not in made
-            made.add((time, name))
-    assert made == {(p.time, name) for p in plain_stream(places) for name in p.names}
+            assert (time, name) not in settled_forecasts
+            settled_forecasts.add((time, name))
+    assert settled_forecasts == {(p.time, name) for p in plain_stream(places) for name in p.names}
 
 
 def cut(places: list[Recording], time: int) -> list[Recording]:
-    """The world up to a time, in listed frames over all recordings."""
+    """Recordings up to a time, in listed frames over all recordings."""
     parts, start = [], 0
     for place in places:
         frames = np.unique(place.frame)
@@ -285,14 +236,14 @@ def test_latest_paths_are_the_last_forecasts_of_those_who_stayed(places):
     step = clock.reset()
     assert clock.latest_paths().shape[0] == 0
     while len(step.observation):
-        names, made, last = step.identity.tolist(), clock.time, step.observation.xy[:, -1]
-        positions = positions_for(names, made)
+        names, now, last = step.identity.tolist(), clock.time, step.observation.xy[:, -1]
+        positions = positions_for(names, now)
         step = clock.step(Forecast(positions))
         stayed = [i for i, name in enumerate(names) if name in step.identity]
         expected = np.concatenate([np.repeat(last[stayed, None, None], 2, axis=1), positions[stayed]], axis=2)
         if stayed:
             np.testing.assert_allclose(clock.latest_paths(), expected, rtol=1e-6)
-        assert all(made - stored.made < 12 for stored in clock.ledger)
+        assert all(now - stored.made < 12 for stored in clock.ledger)
 
 
 def test_an_agent_lost_for_one_frame_is_a_new_agent_but_the_same_person():
@@ -354,43 +305,6 @@ def test_a_stream_of_nothing_is_over_at_once():
         assert clock.size == 0 and len(clock.reset().observation) == 0
 
 
-@some
-@given(st.lists(st.integers(1, 3), min_size=1, max_size=6), st.integers(1, 3))
-def test_windows_clock_visits_exactly_the_windows(sizes, samples):
-    rng, agents = np.random.default_rng(len(sizes)), sum(sizes)
-    known = rng.random((agents, 12)) < 0.7
-    scene = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    observation = Observation(
-        rng.normal(size=(agents, 8, 2)).astype(np.float32), scene, rng.integers(0, 5, agents), 0.4
-    )
-    future = np.where(known[..., None], rng.normal(size=(agents, 12, 2)), 0).astype(np.float32)
-    truth = Truth(future, known, observation)
-    clock = WindowsClock(truth)
-    for _ in range(2):
-        played = play(clock, samples)
-        assert played.times == list(range(len(sizes) + 1))
-        assert [len(s.observation) for s in played.steps] == [*sizes, 0]
-        assert [i for s in played.steps for i in s.identity.tolist()] == list(range(agents))
-        _, seen = played.ledger.read()
-        for one, other in ((seen.future, truth.future), (seen.known, known), (seen.observation.scene, scene)):
-            np.testing.assert_array_equal(one, other)
-        np.testing.assert_array_equal(seen.observation.history, observation.history)
-        for window, step in enumerate(played.steps[1:]):
-            here = range(scene[window], scene[window + 1])
-            points = positions_for(list(here), window, samples)[:, 0].astype(float)
-            for agent, path, reward in zip(here, points, step.reward, strict=True):
-                errors = [np.hypot(*(path[t] - future[agent, t])) for t in range(12) if known[agent, t]]
-                assert reward == pytest.approx(-np.mean(errors) if errors else 0, rel=1e-12)
-            assert step.settled.made.tolist() == [window] * len(here)
-            assert step.settled.person.tolist() == observation.agent[list(here)].tolist()
-
-
-def test_windows_clock_names_window_and_agent():
-    observation = Observation(np.zeros((3, 8, 2), np.float32), np.array([0, 1, 3]), np.array([5, 5, 8]), 0.4)
-    clock = WindowsClock(Truth(np.zeros((3, 12, 2), np.float32), np.ones((3, 12), bool), observation))
-    assert [clock.name(i) for i in range(3)] == ["window_0_agent_5", "window_1_agent_5", "window_1_agent_8"]
-
-
 @pytest.mark.parametrize("place", ["eth", "univ"])
 def test_matured_forecasts_of_a_real_stream_score_as_offline(eth_ucy, place):
     domain = motion_gym.domain(place, min_agents=1)
@@ -408,17 +322,6 @@ def test_matured_forecasts_of_a_real_stream_score_as_offline(eth_ucy, place):
     paper = motion_gym.domain(place).windows("test")
     paired = np.diff(truth.observation.scene)[truth.observation.scene_index] >= 2
     np.testing.assert_array_equal(offline[paired], ade(ask(predictor, paper.observation), paper))
-
-
-def test_the_real_windows_clock_scores_as_offline(eth_ucy):
-    truth = motion_gym.domain("eth").windows("test")
-    predictor = motion_gym.predictor("constant_velocity")
-    clock, step, rewards = WindowsClock(truth), WindowsClock(truth).reset(), []
-    while len(step.observation):
-        step = clock.step(ask(predictor, step.observation))
-        rewards.append(step.reward)
-    np.testing.assert_array_equal(-np.concatenate(rewards), ade(ask(predictor, truth.observation), truth))
-    assert -np.concatenate(rewards).mean() == pytest.approx(0.995, abs=5e-4)
 
 
 def test_features_of_a_stream_are_those_of_its_windows():

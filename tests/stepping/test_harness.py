@@ -1,5 +1,6 @@
-"""How the harness uses a predictor: copies in, checked copies out, and every fault named."""
+"""The harness passes copies to a predictor, checks its answers, and names every fault."""
 
+import copy
 import sys
 
 import numpy as np
@@ -18,7 +19,7 @@ HERE = TRUTH.observation
 
 
 class Answers:
-    """Gives the same answer to everybody."""
+    """Gives the same answer to every observation."""
 
     def __init__(self, answer):
         self.answer = answer
@@ -28,7 +29,7 @@ class Answers:
 
 
 class Logbook:
-    """Has every method, and writes down what was called."""
+    """Has every method, and records its calls."""
 
     name = "logbook"
 
@@ -84,14 +85,14 @@ def test_a_deterministic_predictor_may_give_one_sample():
 
 
 def test_samples_and_seed_are_handed_on():
-    made = Logbook()
-    ask(made, HERE, 7, 3)
-    assert made.calls == [("predict", 7, 3)]
+    predictor = Logbook()
+    ask(predictor, HERE, 7, 3)
+    assert predictor.calls == [("predict", 7, 3)]
 
 
 def test_nobody_is_answered_without_the_predictor():
-    nobody = pick_scenes(TRUTH, []).observation
-    assert ask(Answers(None), nobody, 5).positions.shape == (0, 5, 12, 2)
+    empty = pick_scenes(TRUTH, []).observation
+    assert ask(Answers(None), empty, 5).positions.shape == (0, 5, 12, 2)
 
 
 BAD = {
@@ -147,18 +148,18 @@ def test_the_input_cannot_be_written_to(column):
     def spoil(observation, samples):
         getattr(observation, column)[...] = 0
 
-    given = trials.writable(HERE)
+    observation = copy.deepcopy(HERE)
     with pytest.raises(PredictorError, match="A predictor may not change its input: work on a copy"):
-        ask(Answers(spoil), given)
-    np.testing.assert_array_equal(getattr(given, column), getattr(HERE, column))
+        ask(Answers(spoil), observation)
+    np.testing.assert_array_equal(getattr(observation, column), getattr(HERE, column))
 
 
 def test_frozen_is_a_copy():
-    given = trials.writable(HERE)
-    copy = frozen(given)
-    given.history[:] = 0
-    np.testing.assert_array_equal(copy.history, HERE.history)
-    assert copy.dt == HERE.dt
+    observation = copy.deepcopy(HERE)
+    kept = frozen(observation)
+    observation.history[:] = 0
+    np.testing.assert_array_equal(kept.history, HERE.history)
+    assert kept.dt == HERE.dt
 
 
 def test_what_a_predictor_raises_names_it():
@@ -206,9 +207,9 @@ def test_name():
 
 
 def test_tell_shows_a_copy_that_cannot_be_written_to():
-    made, truth = Logbook(), trials.writable(TRUTH)
-    tell(made, truth)
-    ((_, shown),) = made.calls
+    predictor, truth = Logbook(), copy.deepcopy(TRUTH)
+    tell(predictor, truth)
+    ((_, shown),) = predictor.calls
     truth.future[:] = 0
     np.testing.assert_array_equal(shown.future, TRUTH.future)
     arrays = (shown.future, shown.known, shown.observation.history, shown.observation.agent)
@@ -217,22 +218,22 @@ def test_tell_shows_a_copy_that_cannot_be_written_to():
 
 def test_tell_nothing_to_whom_cannot_observe_or_of_nobody():
     tell(Answers(None), TRUTH)
-    made = Logbook()
-    tell(made, pick_scenes(TRUTH, []))
-    assert made.calls == []
+    predictor = Logbook()
+    tell(predictor, pick_scenes(TRUTH, []))
+    assert predictor.calls == []
 
 
-@pytest.mark.parametrize("given", [Logbook, f"{__name__}:Logbook"])
-def test_ready_fits_shows_and_resets_what_is_given_by_name(given, monkeypatch):
+@pytest.mark.parametrize("spec", [Logbook, f"{__name__}:Logbook"])
+def test_ready_fits_shows_and_resets_what_is_given_by_name(spec, monkeypatch):
     monkeypatch.setitem(sys.modules, __name__, sys.modules[Logbook.__module__])
     place = Place()
-    assert ready(given, place, seed=5).calls == [("fit", 2, 2, 5), ("know", place), ("reset",)]
+    assert ready(spec, place, seed=5).calls == [("fit", 2, 2, 5), ("know", place), ("reset",)]
 
 
 def test_ready_fits_no_instance():
-    place, made = Place(), Logbook()
-    assert ready(made, place) is made
-    assert made.calls == [("know", place), ("reset",)]
+    place, predictor = Place(), Logbook()
+    assert ready(predictor, place) is predictor
+    assert predictor.calls == [("know", place), ("reset",)]
 
 
 def test_ready_names_a_domain_without_sources():

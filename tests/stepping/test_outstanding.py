@@ -1,4 +1,4 @@
-"""Forecasts that wait for their truth."""
+"""The ledger of forecasts that wait for their ground truth."""
 
 import dataclasses
 
@@ -20,21 +20,21 @@ def forecast(agents=2, seed=1):
 
 @pytest.fixture
 def waiting():
-    made = Outstanding()
+    ledger = Outstanding()
     for at in (3, 5):
-        made.store(at, observation(seed=at), forecast(seed=at))
-    return made
+        ledger.store(at, observation(seed=at), forecast(seed=at))
+    return ledger
 
 
 def test_what_was_stored_comes_back_with_its_truth_once(waiting):
     future, known = np.ones((2, 12, 2)), np.arange(12) < [[12], [4]]
-    said, truth = waiting.settle(3, future, known)
-    np.testing.assert_array_equal(said.positions, forecast(seed=3).positions)
+    stored, truth = waiting.settle(3, future, known)
+    np.testing.assert_array_equal(stored.positions, forecast(seed=3).positions)
     np.testing.assert_array_equal(truth.observation.history, observation(seed=3).history)
     assert truth.future.dtype == np.float32 and truth.known.dtype == bool
     np.testing.assert_array_equal(truth.future, known[..., None] * np.ones(2))
     assert [stored.made for stored in waiting] == [5] and len(waiting) == 1
-    with pytest.raises(DataError, match=r"made at 3, and none is stored of that time \(5 to 5\)"):
+    with pytest.raises(DataError, match=r"made at 3, but none is stored of that time \(5 to 5\)"):
         waiting.settle(3, future, known)
 
 
@@ -46,9 +46,9 @@ def test_what_is_known_so_far_leaves_it_waiting(waiting):
 
 
 def test_what_was_stored_is_out_of_reach():
-    waiting, seen, said = Outstanding(), observation(), forecast()
-    waiting.store(0, seen, said)
-    seen.history[:], said.positions[:] = 0, 0
+    waiting, seen, stored = Outstanding(), observation(), forecast()
+    waiting.store(0, seen, stored)
+    seen.history[:], stored.positions[:] = 0, 0
     future, known = np.ones((2, 12, 2), np.float32), np.ones((2, 12), bool)
     stored, truth = waiting.settle(0, future, known)
     future[:], known[:] = 7, False
@@ -69,8 +69,8 @@ def test_a_read_only_view_of_what_the_caller_can_write_is_copied():
 def test_positions_alone_can_be_stored():
     waiting = Outstanding()
     waiting.store(0, observation(), forecast().positions)
-    said, _ = waiting.settle(0, np.zeros((2, 12, 2)), np.ones((2, 12)))
-    np.testing.assert_array_equal(said.most_likely(), forecast().positions[:, 0])
+    stored, _ = waiting.settle(0, np.zeros((2, 12, 2)), np.ones((2, 12)))
+    np.testing.assert_array_equal(stored.most_likely(), forecast().positions[:, 0])
 
 
 def test_a_time_is_forecast_once(waiting):
@@ -85,7 +85,7 @@ def test_each_agent_is_forecast(waiting):
 
 @pytest.mark.parametrize("method", ["settle", "so_far"])
 def test_truth_of_a_forecast_that_was_never_made_is_refused(waiting, method):
-    with pytest.raises(DataError, match=r"of a forecast made at 4, and none is stored of that time \(3 to 5\)"):
+    with pytest.raises(DataError, match=r"for a forecast made at 4, but none is stored of that time \(3 to 5\)"):
         getattr(waiting, method)(4, np.zeros((2, 12, 2)), np.ones((2, 12), bool))
     with pytest.raises(DataError, match=r"none is stored of that time \(none\)"):
         getattr(Outstanding(), method)(4, np.zeros((2, 12, 2)), np.ones((2, 12), bool))

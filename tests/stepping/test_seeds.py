@@ -85,7 +85,7 @@ def test_the_score_does_not_depend_on_the_order():
 
 
 class Stays:
-    """Everybody stays where they are."""
+    """Everyone stands still."""
 
     def predict(self, observation, samples=1, seed=0):
         return np.repeat(observation.xy[:, None, -1:], 12, axis=2)

@@ -1,4 +1,4 @@
-"""What an object holds, and the random state that a program shares: what counts as a change."""
+"""Snapshots of objects and of the global random state, and their changes."""
 
 import copy
 import random

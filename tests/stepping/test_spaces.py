@@ -1,4 +1,4 @@
-"""Action spaces are bounded, and what an environment takes as an action."""
+"""Action spaces are bounded, and actions are checked."""
 
 import gymnasium
 import numpy as np
