@@ -55,7 +55,7 @@ def register(name: str, domain: str, **parameters: Any) -> str:
             f"`register` takes the text `module:Class`, from which environments are made in other processes, too, not "
             f"{domain!r}."
         )
-    catalog.check_domain_spec(domain, parameters)
+    catalog.check_domain_spec(domain, **parameters)
     env_id, arguments = f"{NAMESPACE}/{name}-{VERSION}", {"domain": domain, **parameters}
     there = gymnasium.registry.get(env_id)
     if there is not None and there.kwargs != arguments:

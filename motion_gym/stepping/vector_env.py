@@ -20,9 +20,9 @@ class WindowVectorEnv(VectorEnv):
 
     Sub-environment i of n plays windows i, i + n, i + 2n, ... of the split, so that one episode of all sub-environments
     is the published test set, each window once. With ``order="shuffled"`` each ``reset`` shuffles the windows first.
-    Spaces, rewards and infos are those of ``WindowEnv`` with a leading axis. The next step resets a sub-environment that
-    has ended (its action is ignored and its reward 0), as in Gymnasium's ``NEXT_STEP`` mode; it then plays its windows
-    again.
+    Spaces, rewards and infos are those of ``WindowEnv`` with a leading axis. The next step resets a sub-environment
+    that has ended (its action is ignored and its reward 0), as in Gymnasium's ``NEXT_STEP`` mode; it then plays its
+    windows again.
 
     Args:
         domain: A name, a spec, ``"module:Class"`` or a domain.
