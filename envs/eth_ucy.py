@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -17,39 +18,39 @@ from motion_gym.specs import number, one_of, whole_number
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
 LOCATION = {"eth": "eth", "eth6": "eth", "hotel": "hotel", "univ": "univ", "zara1": "zara", "zara2": "zara"}
-"""Places that share a location look at the same ground: zara1, zara2 (and its further recording zara3) are one."""
+"""Location of each place. Places with the same location show the same ground: zara1, and zara2 with zara3."""
 
 TRAIN_SHARE = 0.8
 SOURCE_ALPHAS = (1.0, 2.0, 4.0, 8.0)
 
 
 class EthUcy(RecordedDomain):
-    """Pedestrians of ETH-UCY, one place.
+    """Pedestrians at one place of ETH-UCY.
 
     ## Description
-    Annotated pedestrians seen from above, a step of 0.4 s (see ``Eth`` for an exception), 8 steps observed, 12 to
-    forecast. With ``alpha`` each observed step carries a third value, the *observation noise* sigma, whose link to
-    the future is scaled by alpha: the spurious feature of "Towards Robust and Adaptive Motion Forecasting: A Causal
-    Representation Perspective" (CVPR 2022), section 4.1.
+    Annotated pedestrians, seen from above, with steps of 0.4 s (except ``Eth``), 8 observed and 12 future steps. With
+    ``alpha`` each observed step has a third value, the *observation-noise* feature sigma; alpha scales how strongly
+    sigma correlates with the future. It is the spurious feature of "Towards Robust and Adaptive Motion Forecasting: A
+    Causal Representation Perspective" (CVPR 2022), section 4.1.
 
     ## Observation
-    x and y in metres, rounded to 4 decimals as in the released program, and sigma where it is switched on.
-    ``sigma="paper"`` reads steps t + 8, which is the future: it is an *oracle side channel*, and labelled so
-    everywhere. ``sigma="past"`` is built in the same manner from the observed steps alone.
+    x and y in metres, rounded to 4 decimals as in the released program, and sigma if it is enabled.
+    ``sigma="paper"`` reads steps t + 8, which are in the future: it is an *oracle side channel* and labelled as such in
+    all results. ``sigma="past"`` is the same function of the observed steps only.
 
     ## Splits
     ``train`` is the first 80 % of the distinct frames of every recording of the place, ``val`` the rest; ``test`` is
-    the whole of the recordings that published evaluations test on. A place is therefore a source or a target, never
-    both at once. ``reference`` is the first ``reference_share`` of the frames, which then leave ``test``.
+    all frames of the recordings that published evaluations test on. A place is therefore either a source or a target.
+    ``reference`` is the first ``reference_share`` of the frames, which are then excluded from ``test``.
 
     ## Arguments
     Args:
-        alpha: Strength of the noise feature, > 0; None for none.
-        sigma: ``"none"``, ``"paper"`` or ``"past"``; by default ``"paper"`` if alpha is given, else ``"none"``.
+        alpha: Scale of sigma, > 0; None for no sigma.
+        sigma: ``"none"``, ``"paper"`` or ``"past"``; by default ``"paper"`` if alpha is set, else ``"none"``.
         curvature: ``"norm"`` of the change of velocity (released program) or ``"squared"`` (the paper's Eq. 7).
         min_agents: Smallest number of complete agents in a window; published evaluations use 2.
-        stride: Listed frames between the starts of two windows.
-        reference_share: Share of the frames, from the start, that are kept out of ``test`` as reference scenes.
+        stride: Listed frames between the starts of successive windows.
+        reference_share: Share of the frames, from the start, to exclude from ``test`` as reference scenes.
 
     ## Credits
     Pellegrini et al., "You'll never walk alone", ICCV 2009; Lerner et al., "Crowds by example", 2007.
@@ -118,7 +119,7 @@ class EthUcy(RecordedDomain):
     def side_channels(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Sigma of the released program, which reads 8 steps ahead: [A, 8, 1].
 
-        Where an agent leaves before, its last known velocity is held (this happens on the stream clock only).
+        If an agent leaves earlier, its last known velocity is used (on the stream clock only).
         """
         velocity = np.zeros_like(positions)
         velocity[:, 1:] = np.round(np.diff(positions, axis=1), 4)
@@ -128,7 +129,7 @@ class EthUcy(RecordedDomain):
         return self._noise(velocity[:, HISTORY : 2 * HISTORY] - velocity[:, :HISTORY])
 
     def features(self, history: np.ndarray) -> np.ndarray:
-        """Sigma from the observed steps: the change of velocity from the step before, 0 where there is none."""
+        """Sigma from the observed steps: the change of velocity from the previous step, 0 without such a step."""
         velocity = np.round(np.diff(history, axis=1), 4)
         change = np.zeros_like(history)
         change[:, 2:] = np.diff(velocity, axis=1)
@@ -146,13 +147,13 @@ class EthUcy(RecordedDomain):
         among: Sequence[str] = PLACES,
         alphas: Sequence[float] = SOURCE_ALPHAS,
     ) -> list[EthUcy]:
-        """The domains to train on before testing here: all other places.
+        """The training domains for a test on this domain: all other places.
 
         Args:
-            design: ``"paper"`` gives the places, in order, alpha 1, 2, 4 and 8 (for ``eth``: hotel 1, univ 2,
-                zara1 4, zara2 8); ``"crossed"`` gives every place every one of these alphas. Without sigma both are
-                simply the places.
-            by: ``"place"`` leaves out this place; ``"location"`` leaves out all that look at the same ground.
+            design: ``"paper"`` assigns alpha 1, 2, 4 and 8 to the places in order (for ``eth``: hotel 1, univ 2,
+                zara1 4, zara2 8); ``"crossed"`` combines every place with every alpha. Without sigma both are the
+                places.
+            by: ``"place"`` leaves out this place; ``"location"`` leaves out all places with the same location.
             among: The places to choose from.
             alphas: The four alphas, in the order of the places.
         """
@@ -166,17 +167,15 @@ class EthUcy(RecordedDomain):
         common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
             return [BY_PLACE[p](**common) for p in names]
-        pairs = (
-            [(p, a) for p in names for a in alphas] if design == "crossed" else list(zip(names, alphas, strict=False))
-        )
+        pairs = itertools.product(names, alphas) if design == "crossed" else zip(names, alphas, strict=False)
         return [BY_PLACE[p](alpha=a, sigma=self.sigma, **common) for p, a in pairs]
 
 
 class Eth(EthUcy):
-    """ETH-UCY ``eth``, as every published number uses it.
+    """ETH-UCY ``eth``, as used by all published numbers.
 
-    The file was resampled every 10 frames although 0.4 s is 6 frames of this recording: a step is really 0.667 s, and
-    people seem to walk 1.67 times too fast. ``eth6`` is the same scene at its true rate.
+    The file is sampled every 10 frames, although 0.4 s are 6 frames of this recording. The true step is 0.667 s, so
+    pedestrians appear 1.67 times too fast. ``eth6`` is the same scene at its true rate.
     """
 
     name = "eth"
@@ -184,7 +183,7 @@ class Eth(EthUcy):
 
 
 class Eth6(EthUcy):
-    """The ``eth`` scene from its original annotation: one row per 6 frames, a true step of 0.4 s."""
+    """The ``eth`` scene from its original annotation: every 6 frames, a true step of 0.4 s."""
 
     name = "eth6"
     training_files = test_files = ("biwi_eth_obsmat_6frame.txt",)
@@ -200,7 +199,7 @@ class Hotel(EthUcy):
 
 
 class Univ(EthUcy):
-    """ETH-UCY ``univ``: two recordings for test, a third, ``uni_examples``, for training only."""
+    """ETH-UCY ``univ``: two test recordings; a third, ``uni_examples``, is for training only."""
 
     name = "univ"
     training_files = ("students001.txt", "students003.txt", "uni_examples.txt")

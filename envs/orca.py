@@ -1,4 +1,4 @@
-"""ORCA circle crossing: simulated crowds whose style is the distance they keep."""
+"""ORCA circle crossing: simulated crowds whose style is the distance that agents keep."""
 
 from __future__ import annotations
 
@@ -15,51 +15,51 @@ from motion_gym.envs.orca_engine.simulation import ENGINE_VERSION, simulate
 from motion_gym.specs import number, whole_number
 
 STARTS = {"train": 10_000, "val": 3_000, "test": 5_000, "reference": 300}
-"""Starts drawn for each split, before scenes that end too near a goal are dropped (released data; reference: ours)."""
+"""Number of starts per split, before scenes that end too near a goal are dropped; as released, but for reference."""
 SOURCE_STYLES = (0.1, 0.3, 0.5)
 LEAST = 1e-3
-"""Smallest d, radius, horizon and speed: less is nothing to the float32 of the engine."""
+"""Smallest d, radius, horizon and speed, because the engine uses float32."""
 TIME_STEP = 0.02
 FIRST, EVERY, STEPS = 19, 20, 399
-"""Steps to the first frame, between frames, and in all. Frames are 0.4 s apart, and everyone rests for the first 0.02 s
-of the 8 s: so the released scenes, whose starts and drop-outs fit no other offset."""
+"""Steps before the first frame, between frames, and in total. Frames are 0.4 s apart, and agents rest for the first
+0.02 s of the 8 s: the starts and dropped scenes of the released data fit no other offset."""
 ARRIVED = 1.0 - TIME_STEP
-"""Metres per m/s of speed: a scene is dropped if an agent is this near its goal at the last frame (that is, was within
-1 s of it one step earlier)."""
+"""Metres per m/s of speed: a scene is dropped if an agent is this near its goal at the last frame (it was then within
+1 s of the goal one step earlier)."""
 CLEAR_OF_GOALS = 0.5
-"""Metres: nobody starts nearer than this to the goal of another agent."""
+"""Smallest distance of a start from the goals of other agents, metres."""
 ANGLE = np.deg2rad(45)
-"""Half width of the interval from which the angle between two agents is drawn, around 180 degrees."""
+"""Half width of the interval, around 180 degrees, of the angle between two agents."""
 TRIES = 30
 TRIAL, ROOM = 200, 0.1
-"""Scenes on which it is tried whether there is room for the agents, and the share of them that must find it at once."""
+"""Number of scenes to test whether there is room for the agents, and the smallest share that must find room at once."""
 
 
 @functools.lru_cache(maxsize=8)
-def _made(kind: type[Orca], **parameters: Any) -> Orca:
-    """A domain that others with the same sources read the same windows of."""
+def _shared(kind: type[Orca], **parameters: Any) -> Orca:
+    """A source domain, shared by all domains with the same sources, so that its windows are read once."""
     return kind(**parameters)
 
 
 class Orca(RecordedDomain):
-    """Agents that cross a circle and avoid each other by ORCA, simulated when first needed.
+    """Agents that cross a circle and avoid each other by ORCA; simulated on first use.
 
     ## Description
-    Two (or up to 20) agents start on a circle, each bound for the opposite point, and avoid each other by optimal
-    reciprocal collision avoidance (van den Berg et al. 2011). The *style* is the radius d of the agents: they keep
-    their centres 2 d apart, which the paper calls a minimum separation of d. With two agents the scenes are
+    Two to 20 agents start on a circle, walk to the opposite point, and avoid each other by optimal reciprocal collision
+    avoidance (van den Berg et al. 2011). The *style* is the radius d of the agents: their centres stay 2 d apart, which
+    the paper calls a minimum separation of d. With two agents the scenes are
     distributed as the released ones of "Towards Robust and Adaptive Motion Forecasting: A Causal Representation
     Perspective" (CVPR 2022), section 4.2: time step 0.02 s, 20 frames 0.4 s apart, neighbour distance 10 m, speed up
     to 1 m/s, slower within 1 m of the goal. Agent 0 starts at a uniform angle and the others spread evenly from there,
     plus U(-45, 45) degrees times 2 / agents; each coordinate is shifted by U(-0.5, 0.5) m. An agent that overlaps
-    another one, or starts within 0.5 m of its goal, is placed again. Scenes in which an agent has come within 1 m of
+    another agent, or starts within 0.5 m of its goal, is placed again. Scenes in which an agent has come within 1 m of
     its goal by the last frame are dropped (about 4 % at d = 0.1, 0.5 % at d = 0.6).
 
     ## Observation
     x and y in metres, centre of the circle at the origin.
 
     ## Splits
-    ``train`` 10,000 starts, ``val`` 3,000, ``test`` 5,000, and ``reference`` 300, each of its own random stream.
+    ``train`` 10,000 starts, ``val`` 3,000, ``test`` 5,000, and ``reference`` 300, each with its own random stream.
     With two agents every d has the same starts; with more, agents that would overlap are placed again.
 
     ## Arguments
@@ -69,8 +69,8 @@ class Orca(RecordedDomain):
         radius: Radius of the circle, metres, > 0. With 7 the agents meet after the observed steps ("blind").
         horizon: Time horizon of ORCA, seconds, > 0.
         speed: Preferred and highest speed, m/s, > 0.
-        seed: Source of all randomness, 0 or more.
-        scenes: Number of starts of every split; None for the numbers above.
+        seed: Seed of all random values, 0 or more.
+        scenes: Number of starts in each split; None for the numbers above.
 
     ## Credits
     van den Berg, Guy, Lin, Manocha, "Reciprocal n-body collision avoidance", ISRR 2011.
@@ -82,11 +82,11 @@ class Orca(RecordedDomain):
     oracle = "orca_oracle"
     headline = ("d",)
     same_world = ("d", "agents", "radius", "horizon", "speed", "scenes")
-    """Crowds of one seed begin alike: with two agents every d has the same starts."""
+    """With the same seed, all styles have the same starts (with two agents)."""
     dt = 0.4
     engine = ENGINE_VERSION
     first_frame = FIRST * TIME_STEP
-    """Seconds of walking up to the first frame."""
+    """Seconds of motion before the first frame."""
 
     def __init__(
         self,
@@ -112,7 +112,7 @@ class Orca(RecordedDomain):
         self.scenes = None if scenes is None else whole_number("scenes", scenes, 1, 1_000_000)
 
     def recordings(self, split: str) -> list[Recording]:
-        """One recording: the scenes of the split one after another, 20 frames each, agents numbered through."""
+        """One recording: the scenes of the split one after another, 20 frames each, with a new id for each agent."""
         xy = self.simulated(split)["positions"].astype(np.float64)
         scenes = len(xy)
         frame = np.repeat(np.arange(scenes * WINDOW), self.agents)
@@ -121,12 +121,12 @@ class Orca(RecordedDomain):
         return [Recording(frame, agent, xy.reshape(-1, 2), self.dt, f"orca {split}")]
 
     def sources(self, styles: Sequence[float] = SOURCE_STYLES) -> list[Orca]:  # type: ignore[override]
-        """Crowds of other styles to train on, everything else as here; by default those of the paper, 0.1, 0.3, 0.5."""
+        """The same domain with the training styles; by default those of the paper, 0.1, 0.3 and 0.5."""
         others = [self.replace(d=d) for d in styles]
-        return [_made(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
+        return [_shared(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
 
     def simulated(self, split: str) -> dict[str, np.ndarray]:
-        """Positions [S, 20, N, 2] float32 of a split, from the cache if they are there."""
+        """Positions [S, 20, N, 2] float32 of a split, from the cache if possible."""
         self.check_split(split)
         starts = self.scenes or STARTS[split]
         key = {**self.parameters, "scenes": starts, "name": "orca", "split": split, "engine": ENGINE_VERSION}
@@ -146,7 +146,7 @@ class Orca(RecordedDomain):
         return {"positions": simulation.positions[keep].astype(np.float32)}  # exact: the origin is zero here
 
     def simulate(self, start: np.ndarray):
-        """The 20 frames of scenes that start at [S, N, 2], goals opposite, as a ``Simulation``."""
+        """Simulate the 20 frames of scenes with starts [S, N, 2] and opposite goals; returns a ``Simulation``."""
         return simulate(
             start,
             -start,
@@ -164,7 +164,7 @@ class Orca(RecordedDomain):
         if room.mean() < ROOM:
             raise SpecError(
                 f"There is no room on a circle of radius {self.radius:g} m for {self.agents} agents of radius "
-                f"d={self.d:g} m, who may not overlap at the start. Give a smaller d, fewer agents or a larger radius."
+                f"d={self.d:g} m without overlaps at the start. Give a smaller d, fewer agents or a larger radius."
             )
         start = np.empty((scenes, self.agents, 2))
         waiting = np.arange(scenes)
@@ -175,7 +175,7 @@ class Orca(RecordedDomain):
         return start
 
     def _place(self, rng: np.random.Generator, scenes: int) -> tuple[np.ndarray, np.ndarray]:
-        """Starts [S, N, 2], agent by agent, and in which scenes a place was found for all of them [S]."""
+        """Draw starts [S, N, 2], agent by agent; also returns whether all agents of a scene were placed, [S] bool."""
         start = np.empty((scenes, self.agents, 2))
         first = rng.uniform(0, 2 * np.pi, scenes)
         placed = np.ones(scenes, bool)

@@ -1,4 +1,4 @@
-"""Score a forecaster in the Gymnasium loop: one window a step, padded to the largest."""
+"""Score a forecaster in the Gymnasium loop: one window per step, padded to the largest."""
 
 import gymnasium
 import numpy as np

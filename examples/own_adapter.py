@@ -1,4 +1,4 @@
-"""An adapter of your own: it learns whether people go farther than they are forecast to, and stretches the forecasts.
+"""An adapter of your own: learns a factor between forecast and true displacements, and scales the forecasts.
 
 Run it, from this folder:
     motion-gym adapt constant_velocity --adapter own_adapter:Stretch --stream orca:d=0.3 --stream orca:d=0.6
@@ -12,11 +12,11 @@ import motion_gym
 
 
 class Stretch:
-    """Multiplies the way that people are forecast to go by a factor.
+    """Multiplies the displacements of a forecast by a factor.
 
     Args:
-        of: The predictor that is adapted; a copy of it is used.
-        rate: Share of the way to the factor that a scene asks for.
+        of: The predictor to adapt, which is copied.
+        rate: Learning rate of the factor.
     """
 
     def __init__(self, of, rate: float = 0.02):
@@ -24,24 +24,24 @@ class Stretch:
         self.reset()
 
     def reset(self):
-        """Forget all that was learned."""
+        """Restore the initial state."""
         self.factor, self.updates = 1.0, 0
 
     def predict(self, observation, samples=1, seed=0):
-        """Forecasts (agents, samples, 12 steps, 2), metres; never learns."""
+        """Forecasts (agents, samples, 12 steps, 2), metres. Does not learn."""
         last = observation.xy[:, None, -1:]
         forecast = self.inner.predict(observation, samples, seed).positions
         return (last + self.factor * (forecast - last)).astype(np.float32)
 
     def observe(self, truth):
-        """Learn, after the forecast was scored; people may have left before the last step, or at once."""
+        """Learn from revealed ground truth, after the forecast is scored. Future steps may be unknown."""
         if not truth.known.any():
             return
         last = truth.observation.xy[:, -1:]
-        way = (self.inner.predict(truth.observation).positions[:, 0] - last)[truth.known]
-        went = (truth.future - last)[truth.known]
-        wanted = (way * went).sum() / max((way * way).sum(), 1e-6)
-        self.factor += self.rate * (wanted - self.factor)
+        forecast = (self.inner.predict(truth.observation).positions[:, 0] - last)[truth.known]
+        true = (truth.future - last)[truth.known]
+        best = (forecast * true).sum() / max((forecast * forecast).sum(), 1e-6)
+        self.factor += self.rate * (best - self.factor)
         self.updates += 1
 
 

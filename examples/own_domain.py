@@ -1,6 +1,6 @@
-"""A domain of your own, from any text file of `frame id x y` rows.
+"""A domain of your own, from a text file with rows `frame id x y`.
 
-Check it:  python own_domain.py FILE  (if there is no such file, one to try it on is written)
+Check it:  python own_domain.py FILE  (writes an example if the file does not exist)
 Score on it, from this folder:  motion-gym score linear --domain own_domain:Tracks:path=FILE
 """
 
@@ -15,7 +15,7 @@ from motion_gym.data.domains import RecordedDomain
 
 
 class Tracks(RecordedDomain):
-    """Tracks from a file; the first 70 % of the frames are for training, the last 20 % for test."""
+    """Tracks from a file: the first 70 % of the frames for training, then 10 % for validation and 20 % for test."""
 
     name = "tracks"
     source = "a text file"
@@ -24,11 +24,11 @@ class Tracks(RecordedDomain):
         self.path, self.dt = path, dt
 
     def sources(self):
-        """What a predictor is trained on before it is tested here: the train and val splits of the same file."""
+        """The training domains: the splits train and val of the same file."""
         return [self]
 
     def recordings(self, split):
-        """The recordings of a split: here one, or none."""
+        """The recordings of a split: one, or none if the split has no frames."""
         recording = motion_gym.read_recording(self.path, dt=self.dt)
         first, last = {"train": (0, 0.7), "val": (0.7, 0.8), "test": (0.8, 1), "reference": (0, 0)}[split]
         low, high = (int(share * len(np.unique(recording.frame))) for share in (first, last))
@@ -41,7 +41,7 @@ class Tracks(RecordedDomain):
 
 
 def write_an_example(path):
-    """Ten people who walk in a circle for 200 frames."""
+    """Write the tracks of ten agents who walk in a circle for 200 frames."""
     rows = [
         f"{frame} {person} {6 * np.cos(0.05 * frame + person):.3f} {6 * np.sin(0.05 * frame + person):.3f}"
         for frame in range(200)

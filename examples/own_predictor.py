@@ -9,13 +9,13 @@ import motion_gym
 
 
 class Turning:
-    """Turns back, little by little, from the last step to the heading and mean speed of the whole history.
+    """Turns gradually from the last step to the heading and mean speed of the whole history.
 
     Args:
-        steps: Future steps after which about two thirds of the turn are made.
+        steps: Number of future steps after which about two thirds of the turn are complete.
     """
 
-    selection = "no weights"  # how the weights were selected; every result says it
+    selection = "no weights"  # how the weights were selected; shown with every result
 
     def __init__(self, steps: float = 4.0):
         self.steps = steps
@@ -23,11 +23,11 @@ class Turning:
     def predict(self, observation, samples=1, seed=0):
         """Forecasts (agents, 1 sample, 12 steps, 2), metres."""
         step = np.diff(observation.xy, axis=1)
-        way = step.sum(axis=1, keepdims=True)
-        heading = way / np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-6)
-        usual = heading * np.linalg.norm(step, axis=-1).mean(axis=1)[:, None, None]
-        turned = 1 - np.exp(-np.arange(1, motion_gym.FUTURE + 1) / self.steps)[:, None]
-        moves = (1 - turned) * step[:, -1:] + turned * usual
+        total = step.sum(axis=1, keepdims=True)
+        heading = total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-6)
+        mean = heading * np.linalg.norm(step, axis=-1).mean(axis=1)[:, None, None]
+        weight = 1 - np.exp(-np.arange(1, motion_gym.FUTURE + 1) / self.steps)[:, None]
+        moves = (1 - weight) * step[:, -1:] + weight * mean
         forecast = observation.xy[:, -1:] + np.cumsum(moves, axis=1)
         return forecast[:, None].astype(np.float32)
 

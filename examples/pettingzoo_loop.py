@@ -1,4 +1,4 @@
-"""Score a predictor on a stream: every agent forecasts at every frame, and the truth arrives late."""
+"""Score a predictor on a stream: every agent forecasts at every frame, and ground truth is revealed later."""
 
 import motion_gym
 from motion_gym import forecast_to_dict, observation_from_dict, truth_from_infos
@@ -13,7 +13,7 @@ while env.agents:
     observation = observation_from_dict(observations, dt, env.agents, env.unwrapped.clock.time)
     actions = forecast_to_dict(predictor.predict(observation), env.agents)
     observations, rewards, terminations, truncations, infos = env.step(actions)
-    truth = truth_from_infos(infos, dt)  # whole scenes of which all is known now, for predictors that learn
+    truth = truth_from_infos(infos, dt)  # scenes that are fully known now, for predictors that learn
 
 ledger = env.unwrapped.ledger
 print(f"{ledger.settled} forecasts: {ledger.matured} matured, {ledger.censored} censored (their agent left)")

@@ -1,4 +1,4 @@
-"""Adapt a robot's predictor in a loop of your own: no environment, no recording, only who is seen where, step by step.
+"""Adapt a robot's predictor in a loop of your own, from the positions of the agents in sight at each step.
 
 Run it:  python robot_loop.py
 """
@@ -14,7 +14,7 @@ DT = 0.4
 
 
 def camera():
-    """Stands for the robot's tracker: at each step, the position of everyone in sight, by a number."""
+    """Simulates the robot's tracker: at each step, the positions of the agents in sight, by id."""
     crowd = motion_gym.domain("orca:d=0.6", scenes=60).recordings("test")[0]
     for frame in np.unique(crowd.frame):
         now = crowd.frame == frame
@@ -22,12 +22,12 @@ def camera():
 
 
 def run(predictor):
-    """Mean error, metres, of the forecasts that matured; the predictor learns from each after it was scored."""
+    """Mean error, metres, of the matured forecasts; the predictor learns from each forecast after it is scored."""
     seen = deque(maxlen=motion_gym.HISTORY + motion_gym.FUTURE)  # the last 20 steps
     waiting, errors = motion_gym.Outstanding(), []
     for now, people in enumerate(camera()):
         seen.append(people)
-        # What was forecast 12 steps ago is known now: score it first, then learn from it.
+        # The forecast of 12 steps ago is known now: score it first, then learn from it.
         for stored in waiting:
             if stored.made + motion_gym.FUTURE == now:
                 steps = list(seen)[-motion_gym.FUTURE :]
@@ -37,7 +37,7 @@ def run(predictor):
                 forecast, truth = waiting.settle(stored.made, future, known)
                 errors += ade(forecast, truth)[known.all(axis=1)].tolist()
                 predictor.observe(truth)
-        # Forecast whoever was seen in all of the last 8 steps.
+        # Forecast the agents that were seen in all of the last 8 steps.
         steps = list(seen)[-motion_gym.HISTORY :]
         ids = [i for i in people if len(steps) == motion_gym.HISTORY and all(i in step for step in steps)]
         if ids:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from motion_gym.online.scores import OnlineCard
     from motion_gym.online.streams import Segment, Stream, stream
     from motion_gym.scoring.evaluation import Scorecard, compare, evaluate
+    from motion_gym.scoring.show import show
     from motion_gym.stepping.dicts import forecast_to_dict, observation_from_dict, truth_from_infos
     from motion_gym.stepping.outstanding import Outstanding
     from motion_gym.stepping.pettingzoo_env import parallel_env
@@ -43,6 +44,7 @@ _LAZY = {
     "observation_from_dict": "motion_gym.stepping.dicts",
     "parallel_env": "motion_gym.stepping.pettingzoo_env",
     "read_recording": "motion_gym.data.recordings",
+    "show": "motion_gym.scoring.show",
     "stream": "motion_gym.online.streams",
     "truth_from_infos": "motion_gym.stepping.dicts",
 }
@@ -78,6 +80,7 @@ __all__ = [
     "predictor",
     "read_recording",
     "register",
+    "show",
     "stream",
     "truth_from_infos",
 ]

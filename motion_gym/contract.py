@@ -272,8 +272,7 @@ class Predictor(Protocol):
     Optional attributes: ``fitted`` (bool), for predictors with ``fit``; ``fit_on_demand`` (bool), False if ``fit`` is
     too slow for an evaluation; ``selection`` (str), how the weights were selected, stated in every result;
     ``fingerprint`` (str), a digest of the weights, part of the identity of a result; ``trained_on``, names of the
-    domains whose windows the weights were trained on; ``weights_name``, the row of a benchmark whose weights are used,
-    if it is not the predictor's own row.
+    domains whose windows the weights were trained on.
     """
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast | np.ndarray:

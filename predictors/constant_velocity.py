@@ -8,20 +8,20 @@ from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation
 from motion_gym.specs import one_of, whole_number
 
 WINDOWS = {"last": 1, "mean": HISTORY - 1}
-"""Named numbers of steps that the velocity is averaged over."""
+"""Number of steps to average the velocity over, by name."""
 
 
 class ConstantVelocity:
     """Continues at the mean velocity of the last observed steps. Deterministic; needs no training.
 
-    A strong baseline on pedestrians: Schöller et al., "What the constant velocity model can teach us about
-    pedestrian motion prediction", RA-L 2020. A mean over several steps suppresses annotation noise, and reacts later.
+    A strong baseline for pedestrians: Schöller et al., "What the constant velocity model can teach us about
+    pedestrian motion prediction", RA-L 2020. A mean over several steps suppresses annotation noise, but reacts later.
 
     Args:
-        velocity: Number of steps, 1 to 7, that the velocity is averaged over; ``"last"`` is 1, ``"mean"`` is 7.
+        velocity: Number of steps, 1 to 7, to average the velocity over; ``"last"`` is 1, ``"mean"`` is 7.
 
     Raises:
-        SpecError: ``velocity`` is not one of these.
+        SpecError: ``velocity`` has another value.
     """
 
     selection = "no weights"

@@ -1,4 +1,4 @@
-"""Forecasters in the frame of each agent: without a style, and with the distance that agents keep as their style."""
+"""Predictors in the frame of each agent: without a style, and with the distance that agents keep as the style."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from motion_gym.predictors.training.ego_training import EgoProgram, forecast
 from motion_gym.predictors.weighted import Weighted
 
 AGENTS_AT_ONCE = 4000
-"""Agents of one forward pass, about, so that memory does not grow with the test set."""
+"""Approximate number of agents of one forward pass, to bound memory."""
 
 
 class EgoErm(Weighted):
-    """A network in each agent's own frame: a linear gain that begins as constant velocity, a sum over neighbours.
+    """A network in each agent's own frame: a linear gain, initialised to constant velocity, and a sum over neighbours.
 
-    Turned, shifted or reordered scenes get turned, shifted or reordered forecasts. Any number of neighbours, none
-    included. Trained on the mean Euclidean distance. Deterministic.
+    Equivariant to rotations, translations and the order of agents. Takes any number of neighbours, including none.
+    Trained on the mean Euclidean distance. Deterministic.
 
     Args:
         weights: See ``Weighted``.
@@ -35,11 +35,11 @@ class EgoErm(Weighted):
     program: ClassVar[type[EgoProgram]] = EgoProgram
 
     observed: np.ndarray = np.zeros(2)
-    """[2] sums over the observed scenes, see ``kept_distances``; zero for a predictor without a style."""
+    """[2] sum of ``kept_distances`` over the observed scenes; zero for a predictor without a style."""
 
     @property
     def expected(self) -> dict[str, tuple[int, ...]]:
-        """Shape of every weight."""
+        """Shape of every weight, without the model axis."""
         return ego_network.shapes(self.networks)
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
@@ -61,13 +61,13 @@ class EgoErm(Weighted):
 
 
 class EgoModular(EgoErm):
-    """``EgoErm`` with a style: the distance that agents keep when they could have come nearer, a length.
+    """``EgoErm`` with a style: the distance, in metres, that agents keep from each other.
 
-    It is read from pairs of agents in scenes that are observed over all 20 steps, as a running weighted mean. A
-    forecast is how agents who keep that distance leave their undisturbed courses, affine in it; without anything
-    observed it is that of a network without a style. It assumes that styles are about distance, that the first observed
-    steps are free of others, and that neighbours act one by one: in crowds, where they do not, it is worse than
-    ``ego_erm`` and constant velocity.
+    The distance is a running weighted mean over pairs of agents in scenes that are observed over all 20 steps. The
+    forecast describes how agents who keep this distance leave their undisturbed courses, and is affine in the distance;
+    before any scene is observed, the forecast is that of a network without a style. The model assumes that styles are
+    distances, that the first observed steps are undisturbed, and that the effects of neighbours add up. In crowds,
+    where they do not, it is worse than ``ego_erm`` and constant velocity.
 
     Args:
         weights: See ``Weighted``.
@@ -82,13 +82,13 @@ class EgoModular(EgoErm):
         """Read the style from pairs of agents whose 20 steps are all known.
 
         Raises:
-            DataError: it is no proper Truth.
-            PredictorError: there are no weights, or the scenes have another time step than they were trained on.
+            DataError: the ground truth is not valid.
+            PredictorError: there are no weights, or the scenes have another time step than the training data.
         """
         self._ready(check_truth(truth, "The observed truth").observation)
         self.observed = self.observed + kept_distances(truth).sum(axis=0)
         self.scenes += truth.observation.scenes
 
     def reset(self) -> None:
-        """Forget all that was observed."""
+        """Forget all observed scenes."""
         self.observed, self.scenes = np.zeros(2), 0

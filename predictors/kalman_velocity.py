@@ -18,13 +18,13 @@ SELECTIONS = ("mixture", "likeliest")
 class KalmanVelocity:
     """Constant velocity, estimated by Kalman filters. Deterministic; needs no training, works at any time step.
 
-    Each axis of each agent has the state (position, velocity). Between two steps a random acceleration of variance q is
-    constant, and each observed position has an error of variance r. The first two positions give the first state. The
-    larger q / r, the shorter the memory.
+    Each axis of each agent has the state (position, velocity). The model has a random acceleration of variance q that
+    is constant between two steps, and observed positions with errors of variance r. The first two positions give the
+    initial state. The larger q / r, the shorter the memory.
 
-    A setting that is not given is taken from a grid in metres and seconds, 5 values of q and 6 of r. Each of the up to
-    30 filters is weighted with the likelihood of the agent's own history: ``mixture`` averages the forecasts by these
-    weights, ``likeliest`` takes the filter of highest likelihood. Nothing is shared between agents.
+    By default q and r are taken from a grid of 5 and 6 values, which gives up to 30 filters. Each filter is weighted by
+    the likelihood of the agent's own history: ``mixture`` averages the forecasts with these weights, ``likeliest`` uses
+    the filter with the highest likelihood. Agents do not share information.
 
     Args:
         q: Variance of the acceleration, (m/s^2)^2; None for the grid ``ACCELERATION``.
@@ -32,7 +32,7 @@ class KalmanVelocity:
         select: ``mixture`` or ``likeliest``.
 
     Raises:
-        SpecError: a variance is not above 0, or ``select`` is not known.
+        SpecError: a variance is not above 0, or ``select`` is unknown.
     """
 
     selection = "no weights; the grid of noise variances was set with the test windows of ETH-UCY in view"
@@ -45,7 +45,7 @@ class KalmanVelocity:
         """Forecast [A, 1, 12, 2], metres.
 
         Raises:
-            PredictorError: the time step has no length.
+            PredictorError: the time step is not a finite number above 0.
         """
         dt = observation.dt
         if not 0 < dt < np.inf:
@@ -70,7 +70,7 @@ class KalmanVelocity:
 def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Run G filters over the observed positions.
 
-    The covariance of a filter depends on q, r and dt alone, so that all agents share it.
+    The covariance of a filter depends only on q, r and dt, so all agents share it.
 
     Args:
         xy: [A, 8, 2] float64, metres.
@@ -79,11 +79,11 @@ def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> tuple[n
         r: [G] variances of a measured coordinate.
 
     Returns:
-        Last position and velocity [G, A, 2] of the state, metres and metres per second, and the log-likelihood [G, A]
-        of the observed positions from the third on, without its constant.
+        Final position and velocity [G, A, 2], metres and metres per second, and the log-likelihood [G, A] of the third
+        and later observed positions, without its constant.
     """
     transition = np.array([[1, dt], [0, 1]])
-    effect = np.array([dt**2 / 2, dt])  # of an acceleration of 1, on position and velocity
+    effect = np.array([dt**2 / 2, dt])  # of a unit acceleration on position and velocity
     disturbance = q[:, None, None] * np.outer(effect, effect)
     first = np.array([[1, 1 / dt], [1 / dt, 2 / dt**2]])  # of (x1, (x1 - x0) / dt), for independent errors
     covariance = r[:, None, None] * first + q[:, None, None] * np.diag([0, dt**2 / 4])
@@ -98,7 +98,7 @@ def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> tuple[n
         gain = covariance[:, :, 0] / variance[:, None]
         covariance = covariance - gain[:, :, None] * covariance[:, None, 0]
         innovation = xy[:, step] - position
-        # Of both axes, hence the whole logarithm of the variance instead of a half.
+        # The sum over both axes, hence the logarithm of the variance without the factor 1/2.
         likelihood -= (innovation**2).sum(axis=-1) / (2 * variance[:, None]) + np.log(variance)[:, None]
         position = position + gain[:, 0, None, None] * innovation
         velocity = velocity + gain[:, 1, None, None] * innovation

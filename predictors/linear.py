@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 class Linear:
-    """Linear map from 7 observed displacements to 12 future offsets, turned so that the last step points along x.
+    """Linear map from 7 observed displacements to 12 future offsets, in a frame whose x axis is the last step.
 
-    Deterministic; every agent by itself. Fits in closed form, all environments together:
-    ``W = (X'X + ridge I)^-1 X'Y``, where X has the 14 rotated displacement values, the 8 values of sigma if asked
-    for, and a bias, and Y the 24 rotated offsets from the last observed position. Agents whose future is not fully
-    known are left out.
+    Deterministic; treats each agent independently. Fitted in closed form to all environments together:
+    ``W = (X'X + ridge I)^-1 X'Y``, where X holds the 14 rotated displacement values, the 8 values of sigma if it is
+    used, and a bias, and Y the 24 rotated offsets from the last observed position. Agents with a partly unknown future
+    are left out.
 
     Args:
-        sigma: True: use the third feature of the history too. ``"relative"``: divided by its mean over the scene, so
-            that its scale is of no account. The default never looks at it.
-        ridge: L2 weight, >= 0, in the units of the data (metres, and whatever unit sigma has).
+        sigma: True to use the third feature of the history; ``"relative"`` to divide it by its mean over the scene,
+            which removes its scale; False to ignore it.
+        ridge: L2 weight, >= 0, in the units of the data (metres, and the unit of sigma).
     """
 
     selection = "fitted in closed form to the train windows of the sources; nothing was selected"
@@ -37,7 +37,7 @@ class Linear:
         self.ridge = number("ridge", ridge, owner="linear")
         self.weight: np.ndarray | None = None
         self.dt = 0.0
-        """Seconds per step of the data that it was fitted to."""
+        """Seconds per step of the training data."""
 
     @property
     def fitted(self) -> bool:
@@ -45,10 +45,10 @@ class Linear:
         return self.weight is not None
 
     def fit(self, train: Sequence[Truth], validation: Sequence[Truth] = (), seed: int = 0) -> Linear:
-        """Fit to the windows of all environments; validation and seed are not needed.
+        """Fit to the windows of all environments; ``validation`` and ``seed`` are not used.
 
         Raises:
-            PredictorError: there is no fully known window to learn from, or time steps differ.
+            PredictorError: no agent is fully known, or the time steps differ.
         """
         steps = {round(truth.observation.dt, 6) for truth in train}
         if len(steps) > 1:
@@ -72,22 +72,22 @@ class Linear:
         """Forecast [A, 1, 12, 2], metres.
 
         Raises:
-            PredictorError: not fitted, fitted to another time step, or sigma is asked for and the observation has none.
+            PredictorError: the predictor is not fitted, was fitted to another time step, or lacks sigma.
         """
         weight = self._fitted_weight(observation)
         inputs, turn = self._inputs(observation)
-        # One row at a time would give other last bits than a batch with BLAS: einsum sums each row alike.
+        # BLAS would round a row differently in another batch; einsum does not.
         offset = np.einsum("ai,ij->aj", inputs, weight).reshape(-1, FUTURE, 2)
         positions = observation.xy[:, -1:] + offset @ turn.transpose(0, 2, 1)
         return Forecast(positions[:, None].astype(np.float32))
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
-        """The whole predictor, from the inputs of each agent to the offsets in its heading frame.
+        """The predictor as a last layer, from the inputs of each agent to the offsets in its heading frame.
 
         Raises:
-            PredictorError: not fitted, or sigma is asked for and the observation has none.
+            PredictorError: the predictor is not fitted, was fitted to another time step, or lacks sigma.
         """
-        # Needs PyTorch, which the predictor itself does without.
+        # Imported here because it needs PyTorch, unlike the predictor itself.
         from motion_gym.predictors.networks.last_layer import LastLayer
 
         weight = self._fitted_weight(observation)
@@ -116,8 +116,8 @@ class Linear:
         if self.sigma:
             if observation.history.shape[2] < 3:
                 raise PredictorError(
-                    "linear with sigma needs a third feature, and this domain gives x and y alone: "
-                    "use a domain with sigma, as eth:alpha=8, or linear without sigma."
+                    "linear with sigma needs a third feature, but this domain gives only x and y: "
+                    "use a domain with sigma, such as eth:alpha=8, or linear without sigma."
                 )
             relative = self.sigma == "relative"
             columns.append(

@@ -27,11 +27,11 @@ from motion_gym.training.program import Weights
 
 @dataclass(eq=False, repr=False)
 class ModularStgat(StyleMemory, Stgat):
-    """STGAT whose latent is modulated by a style: z' = f(z, c) + z, for scenes of any number of agents in any order.
+    """STGAT with a style that modulates the latent, z' = f(z, c) + z, for any number and order of agents.
 
-    The style of a scene is read from its pairs of neighbours over all 20 steps, a mean over pairs, so that a scene of
-    one agent shows none. That of a domain is a running average over the scenes that are observed; it begins at the mean
-    code of the training scenes, which counts for one scene, and ``reset`` goes back there.
+    The style of a scene is the mean code of its pairs of neighbours over all 20 steps; scenes of one agent have no
+    style. The style of a domain is a running average over the observed scenes. It starts at the mean code of the
+    training scenes, which counts as one scene, and ``reset`` restores this start.
 
     Args:
         weights: See ``Weighted``.
@@ -53,17 +53,17 @@ class ModularStgat(StyleMemory, Stgat):
 
     @property
     def expected(self) -> dict[str, tuple[int, ...]]:
-        """Shape of every weight."""
+        """Shape of every weight, without the model axis."""
         return {**super().expected, **stgat_style.shapes(), "prior.code": (CODE,), "prior.dt": (1,)}
 
     def scene_codes(self, truth: Truth, weights: Weights) -> Tensor:
-        """Style codes [M, S, 8] of scenes of two agents or more."""
+        """Style codes [M, S, 8] of scenes of at least two agents."""
         pairs = NeighbourPairs.of(truth)
         scene = torch.from_numpy(pairs.scene)
         return stgat_style.scene_codes(pairs.paths(whole_paths(truth)), scene, truth.observation.scenes, weights)
 
     def latent(self, observation: Observation, seed: int = 0) -> Tensor:
-        """Latent [1, A, 64] of each agent, modulated."""
+        """Modulated latent [1, A, 64] of each agent."""
         return self._latent(*self._network_inputs(observation, 1, seed), self._ready(observation))
 
     def from_latent(self, observation: Observation, latent: Tensor, seed: int = 0) -> Tensor:
@@ -73,11 +73,10 @@ class ModularStgat(StyleMemory, Stgat):
         return moves.permute(1, 2, 0, 3).flatten(2)
 
     def embedded(self, observation: Observation, moves: Tensor) -> Tensor:
-        """Style embeddings [1, S, 8] of scenes that go on by displacements [1, A, 24]."""
+        """Style embeddings [1, S, 8] of scenes with future displacements [1, A, 24]."""
         weights = self._ready(observation)
-        steps = moves.float().view(-1, FUTURE, 2)
         history = torch.tensor(observation.xy)
-        path = torch.cat([history, history[:, -1:] + steps.cumsum(dim=1)], dim=1)
+        path = torch.cat([history, history[:, -1:] + moves.float().view(-1, FUTURE, 2).cumsum(dim=1)], dim=1)
         future = path[:, HISTORY:].detach().numpy()
         pairs = NeighbourPairs.of(Truth(future, np.ones(future.shape[:2], bool), observation))
         codes = stgat_style.scene_codes(pairs.paths(path), torch.from_numpy(pairs.scene), observation.scenes, weights)

@@ -1,4 +1,4 @@
-"""An oracle for the ORCA domain: it knows the style, and simulates."""
+"""An oracle for the ORCA domain: knows the style, and simulates."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, PredictorError
 
 TOLERANCE = 0.05
-"""Metres between the observed history and the simulated one beyond which the oracle gives up."""
+"""Largest distance between the observed and the simulated history, metres."""
 CORRECTIONS = 6
 
 
 class OrcaOracle:
-    """Simulates each scene again, from a start read off its first observed positions.
+    """Simulates each scene again, from a start that is computed from the first observed positions.
 
-    *Oracle*: ``know(domain)`` tells it d and every other parameter of the simulation, which no forecaster can know. It
-    does not look at the future; what error is left comes from not knowing the start exactly. It needs whole scenes,
-    observed from their first frame, as on the windows clock. Deterministic.
+    *Oracle*: ``know(domain)`` gives it d and all other parameters of the simulation, which no forecaster can know. The
+    oracle does not use the future; its remaining error comes from the inexact start. It needs whole scenes, observed
+    from their first frame, as on the windows clock. Deterministic.
 
-    Source: until the first frame everyone walks straight to the goal, opposite the start, so start = p + 0.38 p / |p|
-    at speed 1; where that is not so (many agents), the start is corrected until the simulation meets p.
+    Until the first frame p an agent walks straight to its goal, opposite the start, so start = p + 0.38 p / |p| at
+    speed 1. With many agents this does not hold, and the start is corrected until the simulation matches p.
     """
 
     selection = "no weights; knows every parameter of the simulation"
@@ -33,7 +33,7 @@ class OrcaOracle:
         """Receive the domain.
 
         Raises:
-            PredictorError: it is not an ORCA domain.
+            PredictorError: the domain is not an ORCA domain.
         """
         if domain.card.name != "orca":
             raise PredictorError(f"orca_oracle knows ORCA only, not `{domain.card.name}`: score it on an orca domain.")
@@ -43,13 +43,13 @@ class OrcaOracle:
         """Forecast [A, 1, 12, 2], metres.
 
         Raises:
-            PredictorError: it was not told the domain, or an observation is not the beginning of a whole scene.
+            PredictorError: ``know`` was not called, or an observation is not the beginning of a whole scene.
         """
         if self._domain is None:
             raise PredictorError("orca_oracle does not know the domain: call know(domain), or evaluate it by name.")
         agents = self._domain.agents
         if (np.diff(observation.scene) != agents).any():
-            raise PredictorError(f"orca_oracle needs whole scenes of {agents} agents, and a scene has another number.")
+            raise PredictorError(f"orca_oracle needs whole scenes of {agents} agents, but a scene has another number.")
         history = observation.xy.reshape(observation.scenes, agents, HISTORY, 2).transpose(0, 2, 1, 3)
         first = history[:, 0].astype(np.float64)
         distance = np.linalg.norm(first, axis=-1, keepdims=True)
@@ -64,8 +64,8 @@ class OrcaOracle:
         error = np.abs(frames[:, :HISTORY] - history).max(initial=0)
         if error > TOLERANCE:
             raise PredictorError(
-                f"orca_oracle cannot place a history (simulated {error:.2f} m beside it): it needs scenes from their "
-                "first frame on, as the windows clock gives them, with the domain's own parameters."
+                f"orca_oracle cannot place a history ({error:.2f} m from the simulated one): use scenes that start at "
+                "their first frame, as on the windows clock, and the parameters of the domain."
             )
         future = frames[:, HISTORY : HISTORY + FUTURE].transpose(0, 2, 1, 3)
         return Forecast(np.ascontiguousarray(future.reshape(-1, 1, FUTURE, 2)))

@@ -1,4 +1,4 @@
-"""Everybody stays where they were last seen."""
+"""Every agent stays at its last observed position."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from motion_gym.contract import FUTURE, Forecast, Observation
 
 
 class StandStill:
-    """Repeats the last observed position; the floor that every forecaster should clear. Deterministic."""
+    """Repeats the last observed position: a lower bound for every forecaster. Deterministic; needs no training."""
 
     selection = "no weights"
 

@@ -1,27 +1,28 @@
-"""STGAT, the base model of the paper's experiments on spurious shifts, with each of its training objectives."""
+"""STGAT, the base model of the paper's experiments on spurious shifts, with each training objective."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from motion_gym.predictors.settings import boolean, number, setting
+from motion_gym.predictors.settings import boolean, setting
 from motion_gym.predictors.stgat_predictor import Stgat
 from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.objectives import Objective
+from motion_gym.specs import number
 
 
 @dataclass(eq=False, repr=False)
 class Erm(Stgat):
-    """STGAT trained by empirical risk minimisation: the sum of all environments' errors (the paper's Eq. 1).
+    """STGAT trained by empirical risk minimisation: the sum of the errors of all environments (the paper's Eq. 1).
 
-    ``erm_no_sigma`` is the one without sigma: what a forecaster can do without the leak.
+    The alias ``erm_no_sigma`` has no sigma input, which leaks the future.
 
     Args:
         weights: See ``Weighted``.
         seed: See ``Weighted``.
         sigma: See ``Stgat``.
-        counterfactual: Subtract in the decoder what it would forecast without the trajectory (Chen et al., ICCV 2021).
+        counterfactual: Subtract the decoder's forecast without the trajectory (Chen et al., ICCV 2021).
     """
 
     counterfactual: bool = setting(False, boolean)
@@ -32,9 +33,9 @@ class Erm(Stgat):
 class Invariant(Stgat):
     """STGAT trained with a penalty on the gradient of each environment's risk (the paper's Eq. 3, IRMv1).
 
-    Train it with ``joint`` steps. The gradient, with respect to a factor on the forecasts, is also zero for forecasts
-    of no motion: with ``unbiased=False`` and steps of one environment, where it is large and varies most, training
-    ended there.
+    Train it with ``joint`` steps. The penalty is the squared gradient with respect to a factor on the forecasts, which
+    is also zero for forecasts of no motion. With ``unbiased=False`` and steps of one environment, where the gradient is
+    large and varies most, training collapsed to such forecasts.
 
     Args:
         weights: See ``Weighted``.
@@ -76,13 +77,13 @@ class VRex(Stgat):
 
 @dataclass(eq=False, repr=False)
 class GroupDro(Stgat):
-    """STGAT trained for its worst environment: group DRO (Sagawa et al., ICLR 2020).
+    """STGAT trained for the worst environment: group DRO (Sagawa et al., ICLR 2020).
 
     Args:
         weights: See ``Weighted``.
         seed: See ``Weighted``.
         sigma: See ``Stgat``.
-        rate: Step of the environments' weights.
+        rate: Step size of the environment weights.
     """
 
     rate: float = setting(0.01, number)

@@ -1,4 +1,4 @@
-"""What all predictors of the STGAT family share: forecasting, training, weights."""
+"""Base class of the STGAT family."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from torch import Tensor
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError, Truth
 from motion_gym.data.windows import pick_scenes_of
 from motion_gym.predictors.networks.graph_attention import Layout
-from motion_gym.predictors.networks.last_layer import LastLayer, with_one
+from motion_gym.predictors.networks.last_layer import LastLayer, with_bias_input
 from motion_gym.predictors.networks.scene_noise import agent_keys, normals
 from motion_gym.predictors.networks.sigma import check_sigma, relative_to_scene
 from motion_gym.predictors.networks.stgat_network import (
@@ -38,28 +38,28 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 SCENES_AT_ONCE = 256
-"""Scenes times samples of one forward pass, so that memory does not grow with the test set."""
+"""Scenes times samples of one forward pass, to bound memory."""
 
 PARTS: Mapping[str, tuple[str, ...]] = {
     "all": ("trajectory", "attention1", "attention2", "graph", "decoder", "stage3"),
     "last_layer": ("stage3",),
 }
-"""Weights that can be tuned."""
+"""Tunable weights, by prefixes of their names."""
 
 
 @dataclass(eq=False, repr=False)
 class Stgat(Weighted):
     """Spatio-temporal graph attention (Huang et al., ICCV 2019), with the sizes of the paper's released program.
 
-    Reads the displacements of the 8 observed steps, rounded to 4 decimals (the first is 0), and sigma as a third value.
-    Stochastic: initial states and decoder noise are drawn from N(0, 1), the noise once per scene, so that sample k of
-    a scene is one joint forecast. The draws of a scene depend on the seed and the scene alone, not on the batch.
+    The input is the displacements of the 8 observed steps, rounded to 4 decimals (the first is 0), and sigma as a third
+    value. Stochastic: the initial states and the decoder noise are drawn from N(0, 1), the noise once per scene, so
+    that sample k of a scene is one joint forecast. The draws depend on the seed and the scene, not on the batch.
 
     Args:
         weights: See ``Weighted``.
         seed: See ``Weighted``.
-        sigma: True: sigma as it is. ``"relative"``: divided by its mean over the scene, so that its scale has no
-            effect. False: the network has no such input.
+        sigma: True to use sigma; ``"relative"`` to divide sigma by its mean over the scene, which removes its scale;
+            False for a network without this input.
     """
 
     sigma: bool | str = setting(True, check_sigma)
@@ -68,21 +68,16 @@ class Stgat(Weighted):
     program: ClassVar[type[StgatProgram]] = StgatProgram
     counterfactual = False
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = PARTS
-    """What can be tuned: names, or beginnings of names, of weights; see ``last_layer.Tunable``."""
+    """Tunable weights, by prefixes of their names; see ``last_layer.Tunable``."""
 
     @property
     def expected(self) -> dict[str, tuple[int, ...]]:
-        """Shape of every weight."""
+        """Shape of every weight, without the model axis."""
         return shapes(self.features)
 
     @property
-    def hints(self) -> dict[str, str]:  # type: ignore[override]
-        """A weight of another shape is of a network with, or without, sigma."""
-        return {"trajectory.input": f" It was trained {'without' if self.sigma else 'with'} sigma."}
-
-    @property
     def objective(self) -> Objective:
-        """What ``fit`` minimises."""
+        """Training objective."""
         return objectives.Erm()
 
     @property
@@ -103,13 +98,10 @@ class Stgat(Weighted):
         with torch.no_grad():
             for first in range(0, observation.scenes, at_once):
                 part = pick_scenes_of(observation, slice(first, first + at_once))
-                parts.append(self._positions(part, weights, samples, seed))
+                moves = self._moves(*self._network_inputs(part, samples, seed), weights)
+                positions = torch.from_numpy(part.xy[:, -1].copy()) + moves.cumsum(dim=0)
+                parts.append(positions.permute(2, 1, 0, 3).contiguous().numpy())
         return Forecast(np.concatenate(parts))
-
-    def _positions(self, observation: Observation, weights: Weights, samples: int, seed: int) -> np.ndarray:
-        moves = self._moves(*self._network_inputs(observation, samples, seed), weights)
-        last = torch.from_numpy(observation.xy[:, -1].copy())
-        return (last + moves.cumsum(dim=0)).permute(2, 1, 0, 3).contiguous().numpy()
 
     def _moves(
         self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None
@@ -125,7 +117,7 @@ class Stgat(Weighted):
         return moves.permute(1, 2, 0, 3).cumsum(dim=2)
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
-        """The last layer: of each agent and step, to its displacement; see ``last_layer.LastLayer``."""
+        """The last layer, from each agent and step to its displacement; see ``last_layer.LastLayer``."""
         weights = self._ready(observation)
         steps, draws, layout = self._network_inputs(observation, 1, seed)
         with torch.no_grad():
@@ -133,47 +125,41 @@ class Stgat(Weighted):
             _, states = decoder_states(latent, steps[-1, :, :2], draws.noise, weights, self.counterfactual)
         inputs = states[:, 0].transpose(0, 1).flatten(0, 1).double().numpy()
         weight = np.concatenate([weights["stage3.weight"][0].numpy(), weights["stage3.bias"].numpy()])
-        return LastLayer(with_one(inputs), weight.astype(np.float64), observation.xy[:, -1:].astype(np.float64))
+        return LastLayer(with_bias_input(inputs), weight.astype(np.float64), observation.xy[:, -1:].astype(np.float64))
 
     def _latent(
         self, steps: Tensor, draws: Draws, layout: Layout, weights: Weights, shown: Truth | None = None
     ) -> Tensor:
-        """Latent [M, A, 64] that the decoder begins with."""
+        """Latent [M, A, 64], the input of the decoder."""
         return encode(steps, draws, layout, weights)
 
     def _network_inputs(self, observation: Observation, samples: int, seed: int) -> tuple[Tensor, Draws, Layout]:
-        """Steps [8, A, F], what is random in K samples, and the layout of the scenes."""
+        """Steps [8, A, F], the random draws of K samples, and the layout of the scenes."""
         keys, own = agent_keys(observation, samples, seed)
-        states, noise = torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE))
         layout = Layout.of(observation.scene)
-        return torch.from_numpy(self._inputs(observation)), Draws.of(states, noise, layout), layout
+        draws = Draws.of(torch.from_numpy(normals(own, STATES)), torch.from_numpy(normals(keys, NOISE)), layout)
+        return torch.from_numpy(self.inputs(observation)), draws, layout
 
-    def _inputs(self, observation: Observation) -> np.ndarray:
-        """Input of the network [8, A, F]."""
+    def inputs(self, observation: Observation) -> np.ndarray:
+        """Input of the network: [8, A, F] float32, displacements in metres (0 at the first step), then sigma.
+
+        Raises:
+            PredictorError: the observation has no sigma.
+        """
         if observation.history.shape[2] < self.features:
             raise PredictorError(
-                f"{self.name} is given sigma, and this domain has x and y alone: use a domain with sigma, as "
-                "eth:alpha=8, or a predictor without, as erm_no_sigma."
+                f"{self.name} needs sigma, but this domain gives only x and y: use a domain with sigma, such as "
+                "eth:alpha=8, or a predictor without sigma, such as erm_no_sigma."
             )
-        return displacements(observation, self.features, relative=self.sigma == "relative")
+        xy = observation.xy.astype(np.float64)
+        steps = np.zeros((len(xy), HISTORY, self.features), np.float32)
+        steps[:, 1:, :2] = np.round(np.diff(xy, axis=1), 4)
+        if self.sigma:
+            relative = self.sigma == "relative"
+            steps[:, :, 2] = relative_to_scene(observation) if relative else observation.history[:, :, 2]
+        return np.ascontiguousarray(steps.transpose(1, 0, 2))
 
     def from_released(self, path: str | Path) -> Self:
-        """Take the weights of the paper's released program; see ``import_released``. Returns itself."""
+        """Use the weights of the paper's released program; see ``import_released``. Returns the predictor itself."""
         self.use(*import_released(path), str(path))
         return self
-
-
-def displacements(observation: Observation, features: int, relative: bool = False) -> np.ndarray:
-    """Input of the network: [8, A, F] float32, displacements in metres (0 at the first step), then sigma.
-
-    Args:
-        observation: What is seen.
-        features: 2, or 3 with sigma.
-        relative: Divide sigma by its mean over the agents and steps of the scene.
-    """
-    xy = observation.xy.astype(np.float64)
-    steps = np.zeros((len(xy), HISTORY, features), np.float32)
-    steps[:, 1:, :2] = np.round(np.diff(xy, axis=1), 4)
-    if features == 3:
-        steps[:, :, 2] = relative_to_scene(observation) if relative else observation.history[:, :, 2]
-    return np.ascontiguousarray(steps.transpose(1, 0, 2))

@@ -1,17 +1,17 @@
-"""What all predictors with trained weights share: their name, weights on disk, and the training of several seeds."""
+"""Base class of predictors with trained weights: name, weights on disk, and training of several seeds."""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import Observation, PredictorError, SpecError, Truth
+from motion_gym.data.storage import digest
 from motion_gym.predictors.settings import check_settings, name_of_settings, optional, whole
+from motion_gym.specs import whole_number
 from motion_gym.training import loop as training
 from motion_gym.training.loop import Progress, device_named
 from motion_gym.training.program import Program, Weights
@@ -22,61 +22,61 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 DT = 0.4
-"""Seconds per step of weights whose card does not say it."""
+"""Seconds per step of weights whose card does not state it."""
 SEED = optional(whole(0, 2**31))
 
 
 @dataclasses.dataclass(eq=False, repr=False)
 class Weighted:
-    """A predictor with trained weights, of one seed or several.
+    """A predictor with trained weights of one or several seeds.
 
-    A subclass names itself, declares its settings as fields, gives the shapes of its weights, and names the program
-    that ``fit`` trains. A setting makes another row of a table and another file of weights.
+    A subclass defines its name (``kind``), its settings as dataclass fields, the shapes of its weights (``expected``),
+    and its training program. Each combination of settings is a row of its own in tables and has its own weight file.
 
     Args:
-        weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file; by default those that
-            are shipped for these settings.
-        seed: Seed of the model to use, one of those that were trained; by default the first.
+        weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file. The default is the
+            shipped weights for these settings.
+        seed: Seed of the trained model to use; by default the first.
 
     Raises:
         SpecError: a setting is not allowed.
-        PredictorError: there are no such weights, or they are of another predictor.
+        PredictorError: there are no such weights, or they belong to another predictor.
     """
 
     weights: str | Path | None = None
     seed: int | None = None
     kind: ClassVar[str]
     shipped: ClassVar[str]
-    """Name of the weights that are used where none are named."""
-    hints: ClassVar[Mapping[str, str]] = {}
-    """What it means if a weight, by name, has another shape than expected."""
+    """Name of the default weights."""
     program: ClassVar[Callable[..., Program]]
     """Class of the training program; takes the predictor, both sets, a device, and the options of ``fit``."""
     fit_on_demand: ClassVar[bool] = False
-    """Training takes too long for an evaluation: ``predict`` says where weights are missing and how to train them."""
+    """Evaluations do not train the predictor: without weights, ``predict`` raises and says how to train them."""
 
     def __post_init__(self) -> None:
         self.seed = SEED("seed", self.seed)
         check_settings(self)
         self.tensors: Weights | None = None
+        """Weights [1, ...] of the seed; None until they are loaded."""
         self.stacked: Weights = {}
+        """Weights [M, ...] of all seeds."""
         self.card: dict[str, Any] = {}
         if self.weights is not None:
             self.load(locate(str(self.weights), self.name))
 
     @property
     def expected(self) -> dict[str, tuple[int, ...]]:
-        """Shape of every weight, without the axis of models."""
+        """Shape of every weight, without the model axis."""
         raise NotImplementedError
 
     @property
     def name(self) -> str:
-        """The predictor with those settings that are not at their defaults."""
+        """Spec with the settings that differ from the defaults."""
         return name_of_settings(self)
 
     @property
     def fitted(self) -> bool:
-        """Whether there are weights: given, trained, or shipped for these settings."""
+        """Whether there are weights: loaded, trained, or shipped for these settings."""
         if self.tensors is None:
             try:
                 locate(self.shipped, self.name)
@@ -86,11 +86,8 @@ class Weighted:
 
     @property
     def fingerprint(self) -> str:
-        """sha256 of the weights, so that a result tells which they were."""
-        digest = hashlib.sha256()
-        for name, value in sorted(self._ready().items()):
-            digest.update(name.encode() + value.numpy().tobytes())
-        return digest.hexdigest()
+        """sha256 of the weights of the seed."""
+        return digest(*(part for name, value in sorted(self._ready().items()) for part in (name, value.numpy())))
 
     @property
     def trained_on(self) -> tuple[str, ...]:
@@ -100,7 +97,7 @@ class Weighted:
 
     @property
     def selection(self) -> str:
-        """How the weights were selected, as their card says."""
+        """How the weights were selected, according to their card."""
         self._ready()
         return str(self.card.get("selection", "not stated by the weights"))
 
@@ -118,69 +115,63 @@ class Weighted:
         report: Callable[[Progress], None] = lambda progress: None,
         **options: Any,
     ) -> Self:
-        """Train, all seeds in one pass.
+        """Train all seeds in one pass.
 
         Args:
             train: Windows of each environment.
-            validation: Windows that weights are selected on, of the same environments in the same order.
-            seed: Seed, or several.
+            validation: Windows for model selection, of the same environments in the same order.
+            seed: One seed or several.
             names: Names of the domains of ``train``, for the card.
             device: ``cpu`` or ``cuda``.
-            checkpoint: File of the checkpoints; None for none.
-            resume: Go on from the checkpoint if there is one; the last stage may have become longer.
-            every: Epochs from one checkpoint to the next.
+            checkpoint: File for checkpoints; None for none.
+            resume: Continue from the checkpoint if it exists; the last stage may have more epochs than before.
+            every: Epochs between checkpoints.
             report: Called after each epoch.
-            **options: Of ``program``, as ``epochs``.
+            **options: Options of ``program``, such as ``epochs``.
 
         Returns:
-            Itself, with the weights of the best epoch of each seed.
+            The predictor itself, with the weights of the best epoch of each seed.
 
         Raises:
-            PredictorError: the sets cannot be trained on, or a loss is not finite.
-            SpecError: an option is not allowed, the device is not there, or the checkpoint is of another configuration.
+            PredictorError: the sets are not suitable for training, or a loss is not finite.
+            SpecError: an option is not allowed, the device is missing, or the checkpoint has another configuration.
         """
         seeds = [whole_number("seed", s, 0, 2**31) for s in (seed if isinstance(seed, Iterable) else [seed])]
         if not seeds or len(set(seeds)) < len(seeds):
             raise SpecError(f"`seed={seed}` must name at least one seed to train, and each once.")
         if self.seed is not None and self.seed not in seeds:
-            raise SpecError(f"{self.name} is to use seed {self.seed}, and is to be trained with {seeds}: drop `seed`.")
+            raise SpecError(f"{self.name} uses seed {self.seed}, but the seeds to train are {seeds}: drop `seed`.")
         program = self.program(self, train, validation, device=device_named(device), **options)
-        trained = training.train(
-            program,
-            seeds,
-            device=device_named(device),
-            checkpoint=checkpoint,
-            resume=resume,
-            every=every,
-            report=report,
+        run = training.train(
+            program, seeds, device=device, checkpoint=checkpoint, resume=resume, every=every, report=report
         )
-        kept = {name: value.half().float() for name, value in program.finished(trained.weights).items()}
-        each = [stage.epochs for stage in program.stages]
+        rounded = {name: value.half().float() for name, value in program.finished(run.selected).items()}
+        epochs = [stage.epochs for stage in program.stages]
         card = {
             "predictor": self.name,
             "seeds": seeds,
             "dt": train[0].observation.dt,
             "trained_on": list(names),
             "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
-            f"trained for {'/'.join(map(str, each))} epochs",
-            "validation_ade": [round(score, 4) for score in training.score(program, kept, trained, seeds, device)],
-            "epoch": trained.epoch,
-            "training": {**program.config, "epochs": each},
-            "seconds": round(trained.seconds, 1),
+            f"trained for {'/'.join(map(str, epochs))} epochs",
+            "validation_ade": [round(score, 4) for score in run.scores_of(rounded)],
+            "epoch": run.best_epoch.tolist(),
+            "training": {**program.config, "epochs": epochs},
+            "seconds": round(run.seconds, 1),
             "device": device,
             "commit": commit(),
             "versions": versions(),
             "precision": "trained in single, kept in half precision",
-            "curve": trained.curve,
+            "curve": run.curve,
         }
-        self.use(kept, card)
+        self.use(rounded, card)
         return self
 
     def _ready(self, observation: Observation | None = None) -> Weights:
-        """The weights of the seed; the shipped ones if there are no others.
+        """The weights of the seed; loads the shipped weights if there are no others.
 
         Raises:
-            PredictorError: there are no weights, or the observation has another time step than they were trained on.
+            PredictorError: there are no weights, or the observation has another time step than the training data.
         """
         if self.tensors is None:
             self.load(locate(self.shipped, self.name))
@@ -193,15 +184,15 @@ class Weighted:
         return cast(Weights, self.tensors)
 
     def use(self, tensors: Weights, card: dict[str, Any], source: str = "the weights") -> None:
-        """Take weights [M, ...] of M seeds, and their card.
+        """Use weights [M, ...] of M seeds, with their card.
 
         Raises:
-            PredictorError: they are of another model, not finite, or lack the seed.
+            PredictorError: the weights belong to another predictor or model, are not finite, or lack the seed.
         """
-        check_shapes(tensors, self.expected, source, self.hints)
-        written = card.get("predictor", self.name)
-        if written != self.name:
-            raise PredictorError(f"{source} has the weights of {written}, not of {self.name}: name that predictor.")
+        predictor = card.get("predictor", self.name)
+        if predictor != self.name:
+            raise PredictorError(f"{source} has the weights of {predictor}, not of {self.name}: name that predictor.")
+        check_shapes(tensors, self.expected, source)
         models = len(next(iter(tensors.values())))
         seeds = card.get("seeds", [None] * models)
         if len(seeds) != models or (self.seed is not None and self.seed not in seeds):
@@ -212,22 +203,22 @@ class Weighted:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything that was observed; nothing here."""
+        """Forget all observed scenes. The base class observes none."""
 
     def save(self, path: str | Path) -> None:
-        """Write the weights of all seeds to ``path`` and their card beside it, as ``.json``.
+        """Write the weights of all seeds to ``path``, and their card to the same path with the suffix ``.json``.
 
         Raises:
             PredictorError: there are no weights.
-            StorageError: a file could not be written; neither is then half written.
+            StorageError: a file could not be written; the existing files are unchanged.
         """
         self._ready()
         write(Path(path), self.stacked, {**self.card, "predictor": self.name})
 
     def load(self, path: str | Path) -> None:
-        """Read what ``save`` wrote.
+        """Read weights that ``save`` wrote.
 
         Raises:
-            PredictorError: the file is missing, damaged, or has the weights of another model.
+            PredictorError: the file is missing or damaged, or holds the weights of another model.
         """
         self.use(*read(Path(path)), str(path))

@@ -1,4 +1,4 @@
-"""Operations on float32 arrays whose first axis is x and y."""
+"""Operations on float32 arrays with x and y as the first axis."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def select(mask: np.ndarray, yes: np.ndarray, no: np.ndarray) -> np.ndarray:
-    """Do what ``numpy.where`` does for finite numbers, without its branches: several times faster."""
+    """``numpy.where`` for finite numbers, without branches: several times faster."""
     mask = mask.astype(np.float32)
     return yes * mask + no * (ONE - mask)
 
 
 def put(array: np.ndarray, place: np.ndarray, value: np.ndarray) -> None:
-    """Do ``array[:, place] = value`` row by row, which is several times faster."""
+    """``array[:, place] = value`` row by row, which is several times faster."""
     array[0][place], array[1][place] = value

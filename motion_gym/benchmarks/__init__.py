@@ -1,1 +1,1 @@
-"""What is scored on what; stored runs, tables and figures."""
+"""Benchmarks: their rows and columns, stored runs, tables and figures."""

@@ -1,4 +1,4 @@
-"""What determines the numbers of a run, found without importing PyTorch and without reading recordings."""
+"""The identity of a run: everything that determines its numbers. Neither PyTorch nor recordings are read."""
 
 from __future__ import annotations
 
@@ -8,27 +8,25 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
 from motion_gym.contract import Domain, SpecError
 from motion_gym.stepping.harness import name_of
+from motion_gym.training.plans import WEIGHTS
 
 SCORING_VERSION = 2
-"""Raised by hand when the scores of a predictor that did not change become other ones."""
-WEIGHTS = Path(__file__).parent.parent / "weights"
-"""Folder of the weights that ship with the package."""
+"""Raised by hand when the scores of an unchanged predictor change."""
 VERSIONS: Mapping[str, int] = {}
 """Versions of shipped predictors and adapters, raised by hand when their forecasts change; 1 where none is named."""
 AROUND: Mapping[str, str] = {"refine": "modular_invariant", "transfer": "modular_invariant"}
-"""Predictors that are put around another one, and which one that is by default."""
+"""Default of the parameter ``of`` of predictors that are put around another predictor."""
 QUESTION: Mapping[str, tuple[str, ...]] = {
     "windows": ("predictor", "domain", "split", "protocol", "k", "seed", "references", "shots"),
     "stream": ("row", "of", "stream", "options"),
     "study": ("study", "arguments"),
 }
-"""What is asked for by each kind of run; the rest of its identity says with what it was answered."""
+"""Keys of an identity that name the run, by kind; the other keys are versions and digests."""
 
 
 def windows_identity(
@@ -43,7 +41,7 @@ def windows_identity(
     shots: int = 0,
     session: str | None = None,
 ) -> dict[str, Any]:
-    """Identity of a score of windows; arguments as of ``evaluate``, the session that of ``answered_by``."""
+    """Identity of a score of windows; see ``evaluate`` for the arguments, and ``answered_by`` for the session."""
     return {
         "kind": "windows",
         "predictor": label_of(predictor),
@@ -74,44 +72,50 @@ def stream_identity(
         predictors: All predictors and adapters that take part: specs, classes or objects.
         of: Spec of the predictor that is adapted.
         stream: Name of the stream, with its arguments.
-        domains: Domains that are played.
+        domains: Domains of the stream.
         options: Options of ``evaluate_online``.
-        session: As for ``answered_by``.
+        session: See ``answered_by``.
     """
-    asked = {"row": label_of(row), "of": of, "stream": stream, "options": dict(sorted(options.items()))}
-    return {"kind": "stream", **asked, **answered_by(predictors, domains, session)}
+    return {
+        "kind": "stream",
+        "row": label_of(row),
+        "of": of,
+        "stream": stream,
+        "options": dict(sorted(options.items())),
+        **answered_by(predictors, domains, session),
+    }
 
 
 def answered_by(predictors: Sequence[Any], domains: Sequence[Domain], session: str | None) -> dict[str, Any]:
-    """Versions and digests of all that takes part in a run.
+    """Versions and digests of the predictors, domains and data of a run.
 
     Args:
         predictors: Specs, classes or objects.
         domains: Domains.
-        session: Name of the command that is running. It is a part of the identity of runs with a predictor, an adapter
-            or a domain of a user, since their code and files cannot be known: such runs are reused by the same command
-            alone, when it is resumed.
+        session: Name of the running command. It is a part of the identity of runs with a user's predictor, adapter or
+            domain, since their code and files are not known: only the same command reuses them, when it is resumed.
     """
-    own = any(map(is_own, predictors)) or any(facts_of(domain).own for domain in domains)
+    own = any(map(_is_own, predictors)) or any(facts_of(domain).own for domain in domains)
+    names = [_name_of(part) for predictor in predictors for part in _nested(predictor)]
     return {
         "scoring_version": SCORING_VERSION,
         "versions": {
-            **{name: VERSIONS.get(name, 1) for predictor in predictors for name in names_in(predictor)},
+            **{name: VERSIONS.get(name, 1) for name in names},
             **{name: version for domain in domains for name, version in facts_of(domain).versions.items()},
         },
-        "weights": {str(spec): digest for spec in predictors if (digest := weights_digest(spec))},
+        "weights": {str(spec): digest for spec in predictors if (digest := _weights_digest(spec))},
         "data": {name: digest for domain in domains for name, digest in facts_of(domain).data.items()},
         "session": session if own else None,
     }
 
 
 def canonical(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """The identity as it comes back from a file."""
+    """The identity as it is read from a file."""
     return json.loads(json.dumps(identity, sort_keys=True, default=str))  # type: ignore[no-any-return]
 
 
 def question(identity: Mapping[str, Any]) -> str:
-    """What a run was asked, as a key."""
+    """Key of a run in the store: the part of its identity that names the run."""
     kind = identity["kind"]
     return json.dumps([kind, *(identity[name] for name in QUESTION[kind])], sort_keys=True, default=str)
 
@@ -123,11 +127,11 @@ def digest_of(text: str) -> str:
 
 @dataclass(frozen=True)
 class Facts:
-    """What the identity of a run holds of a domain.
+    """The part of a run's identity that a domain determines.
 
     Attributes:
         spec: The domain with all of its parameters, defaults included.
-        own: Whether its class is not one of those that ship.
+        own: Whether its class is a user's.
         versions: Version of the domain, raised by hand when its windows change, by name.
         data: sha256 of the data files of the domain and of its sources; the engine's version of a simulated domain.
     """
@@ -139,7 +143,7 @@ class Facts:
 
 
 def facts_of(domain: Domain) -> Facts:
-    """What the identity of a run holds of a domain; found once for each object."""
+    """The part of a run's identity that a domain determines; computed once for each object."""
     return domain.kept("facts for the store", functools.partial(_facts_of, domain))  # type: ignore[attr-defined, no-any-return]
 
 
@@ -159,13 +163,17 @@ def _facts_of(domain: Any) -> Facts:
     )
 
 
-def names_in(predictor: Any) -> list[str]:
-    """Name of a predictor, and of those that it is put around."""
+def _nested(predictor: Any) -> list[Any]:
+    """A predictor, and the predictors that it is put around, from the outside in."""
     if not isinstance(predictor, str):
-        return [label_of(predictor)]
+        return [predictor]
     name, parameters = catalog.parse_spec(predictor)
     inner = parameters.get("of", AROUND.get(name))
-    return [name, *(names_in(inner) if inner else [])]
+    return [predictor, *(_nested(inner) if inner else [])]
+
+
+def _name_of(predictor: Any) -> str:
+    return catalog.parse_spec(predictor)[0] if isinstance(predictor, str) else label_of(predictor)
 
 
 def label_of(predictor: Any) -> str:
@@ -181,43 +189,36 @@ def row_name(spec: str) -> str:
     return catalog.format_spec(name, {k: v for k, v in parameters.items() if k not in ("weights", "seed")})
 
 
-def is_own(predictor: Any) -> bool:
-    """Whether a predictor is not one of those that ship: an object, ``module:Class``, or one with weights of a file."""
+def _is_own(predictor: Any) -> bool:
+    """Whether a predictor is a user's: an object, ``module:Class``, or a predictor with weights of a file."""
     if not isinstance(predictor, str):
         return True
     _, parameters = catalog.parse_spec(predictor)
     files = any(isinstance(v, str) and (v.endswith(".safetensors") or os.path.exists(v)) for v in parameters.values())
-    known = {**catalog.PREDICTORS, **catalog.ADAPTERS, "oracle": None}
-    return files or any(name not in known for name in names_in(predictor))
-
-
-def weights_row(row: str) -> str:
-    """Row whose weights a row uses: that of the innermost predictor, as ``modular`` of ``refine:of=modular``."""
-    name, parameters = catalog.parse_spec(row)
-    inner = parameters.get("of", AROUND.get(name))
-    return weights_row(inner) if inner else row_name(row)
+    shipped = {**catalog.PREDICTORS, **catalog.ADAPTERS, "oracle": None}
+    return files or any(_name_of(part) not in shipped for part in _nested(predictor))
 
 
 @functools.cache
-def shipped_card(weights: str, row: str) -> Mapping[str, Any]:
-    """Card of shipped weights.
+def shipped_card(weights: str, predictor: str) -> Mapping[str, Any]:
+    """Card of the shipped weights of a predictor, or of the innermost predictor that it is put around.
 
     Raises:
         SpecError: these weights do not ship.
     """
-    path = WEIGHTS / weights / f"{weights_row(row).replace(':', '-', 1)}.json"
+    row = row_name(_nested(predictor)[-1])
+    path = WEIGHTS / weights / f"{row.replace(':', '-', 1)}.json"
     try:
         card: Mapping[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError):
         raise SpecError(
-            f"The weights `{weights}` have no `{weights_row(row)}`. Train it: motion-gym train {weights_row(row)} "
-            f"--benchmark {weights}."
+            f"The weights `{weights}` have no `{row}`. Train it: motion-gym train {row} --benchmark {weights}."
         ) from None
     return card
 
 
-def weights_digest(predictor: Any) -> str | None:
-    """sha256 of the weights that a spec names, as their card has it; None where it names no shipped weights."""
+def _weights_digest(predictor: Any) -> str | None:
+    """sha256 of the weights that a spec names, from their card; None if it names no shipped weights."""
     if not isinstance(predictor, str):
         fingerprint = getattr(predictor, "fingerprint", None)
         return fingerprint if isinstance(fingerprint, str) else None

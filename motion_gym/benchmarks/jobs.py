@@ -1,140 +1,159 @@
-"""The runs that a benchmark consists of: what each one computes, and how missing ones are computed."""
+"""The runs of a benchmark: how each run is computed, and how missing runs are computed together."""
 
 from __future__ import annotations
 
 import concurrent.futures
 import functools
+import itertools
 import json
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks import store as stores
-from motion_gym.benchmarks.identity import answered_by, canonical, label_of, row_name
-from motion_gym.benchmarks.objects import (
-    FILTERS,
-    NONE,
-    ORACLE,
-    SEEDS,
-    Benchmark,
-    Report,
-    Shifts,
-    Study,
-    domain,
-)
+from motion_gym.benchmarks.identity import answered_by, label_of, question, row_name
+from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study, domain
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import MotionGymError
 from motion_gym.data.storage import StorageError
 
-NOT_ASKED = "it was not asked for"
-"""Why a row is missing that ``only`` does not name."""
+NOT_REQUESTED = "not requested"
+"""Reason for a missing row that ``only`` does not name."""
+NAMED = 8
+"""Most rows that are named for one reason, and most reasons that are named."""
 STUDY, CHOICE = "study", "choice of settings"
 """Where studies are shown, and runs from which settings are chosen."""
-Tried = dict[str, dict[str, float]]
-"""ADE in metres by row and its settings."""
+Errors = dict[str, dict[str, float]]
+"""ADE in metres by row and by its settings."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """Runs that may have to be computed, together.
+    """Runs that are computed together.
 
     Attributes:
-        label: What they are, for people.
-        where: Where they are shown: title of a table and perhaps a column, or name of the shifts and kind of stream.
+        label: Description for people.
+        where: Where the runs are shown: title of a table, perhaps with a column, or name of the shifts with the kind of
+            stream.
         row: Row of the table.
-        place: Domains that are read; jobs of the same ones follow each other.
-        identities: What determines the result of each run.
-        compute: Makes the results, in JSON types; it can be pickled if it is to be called in another process.
+        domain: Domains that are read; jobs with the same domains follow each other.
+        identities: Identity of each run.
+        compute: Returns the results, in JSON types; must be picklable to be called in another process.
     """
 
     label: str
     where: tuple[str, ...]
     row: str
-    place: str
+    domain: str
     identities: Sequence[Mapping[str, Any]]
     compute: Callable[[], Sequence[Mapping[str, Any]]]
 
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """Keys of the runs in the store."""
+        return tuple(map(question, self.identities))
 
-def compute_missing(
-    kept: Store,
-    jobs: Sequence[Job],
-    *,
-    fresh: bool,
-    only: Sequence[str],
-    count: int,
-    report: Report,
-    reasons: dict[str, str],
-    missing: dict[str, str],
-) -> dict[tuple[str, ...], list[Run]]:
-    """Compute the jobs that the store lacks, and write each as soon as it is done.
 
-    Args:
-        kept: The store.
-        jobs: All jobs.
-        fresh: Compute all of them.
+@dataclass
+class Runner:
+    """Computes the runs that a store lacks.
+
+    Attributes:
+        store: The store.
+        fresh: Whether runs in the store are computed again.
         only: Rows that are computed; all if empty.
-        count: Processes.
-        report: As for ``run``.
-        reasons: Filled with what went wrong by question of a job.
-        missing: Filled with the rows of which a run is missing, and why.
-
-    Returns:
-        Runs of the other rows by where they are shown and the row, in the order of the jobs.
+        processes: Number of processes that compute.
+        report: Called before each run with the number of finished runs, the number of all runs, and a label.
+        missing: Reason for each row with a missing run, by where the row is shown and the row.
+        unwritten: Reasons why runs that are shown could not be computed again or written.
     """
-    wanted = {
-        _questions(job.identities): job
-        for job in jobs
-        if (not only or job.row in only) and (fresh or not all(kept.find(identity) for identity in job.identities))
-    }
-    # One domain after the other, as its windows are kept.
-    order = sorted(wanted.values(), key=lambda job: job.place)
-    for done, (job, answer) in enumerate(_answers(order, kept.folder, count, report)):
-        try:
-            runs, problem = answer()
-            kept.take(runs)
-        except MotionGymError as error:
-            problem = str(error)
-        if problem:
-            reasons.update(dict.fromkeys(_questions(job.identities), problem))
-        report(done + 1, len(order), job.label)
-    rows: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
-    for job in jobs:
-        rows.setdefault((*job.where, job.row), []).extend(job.identities)
-    complete = {}
-    for key, identities in rows.items():
-        runs = [run for identity in identities if (run := kept.find(identity))]
-        if len(runs) == len(identities):
-            complete[key] = runs
-        else:
-            why = next((reasons[asked] for asked in _questions(identities) if asked in reasons), NOT_ASKED)
-            missing[f"{key[-1]} ({', '.join(key[:-1])})"] = why
-    return complete
+
+    store: Store
+    fresh: bool = False
+    only: Sequence[str] = ()
+    processes: int = 1
+    report: Report = lambda done, total, label: None
+    missing: dict[tuple[str, ...], str] = field(default_factory=dict)
+    unwritten: dict[str, None] = field(default_factory=dict)
+
+    def rows(self, jobs: Sequence[Job]) -> dict[tuple[str, ...], list[Run]]:
+        """Compute the missing runs of some jobs, and write each run as soon as it is computed.
+
+        Returns:
+            Runs of the complete rows by where the row is shown and the row, in the order of the jobs.
+        """
+        wanted = {
+            job.questions: job
+            for job in jobs
+            if (not self.only or job.row in self.only) and (self.fresh or not all(map(self.store.find, job.identities)))
+        }
+        # One domain after the other, since the windows of a domain are kept.
+        order = sorted(wanted.values(), key=lambda job: job.domain)
+        reasons: dict[tuple[str, ...], str] = {}
+        for done, (job, result) in enumerate(self._results(order)):
+            try:
+                runs, reasons[job.questions] = result()
+                self.store.take(runs)
+            except MotionGymError as error:
+                reasons[job.questions] = str(error)
+            self.report(done + 1, len(order), job.label)
+        rows: dict[tuple[str, ...], list[Run]] = {}
+        for job in jobs:
+            key, reason = (*job.where, job.row), reasons.get(job.questions)
+            runs = [run for identity in job.identities if (run := self.store.find(identity))]
+            rows.setdefault(key, []).extend(runs)
+            if len(runs) < len(job.identities):
+                self.missing.setdefault(key, reason or NOT_REQUESTED)
+            elif reason:
+                self.unwritten[reason] = None
+        return {key: runs for key, runs in rows.items() if key not in self.missing}
+
+    def not_shown(self) -> str:
+        """The rows that are not shown, a line for each reason; rows that were not requested are left out."""
+        reasons: dict[str, dict[str, list[str]]] = {}
+        for (*where, row), reason in self.missing.items():
+            if reason != NOT_REQUESTED:
+                reasons.setdefault(reason, {}).setdefault(row, []).append(", ".join(where))
+        lines = []
+        for reason, by_row in reasons.items():
+            rows = [_with_columns(row, columns) for row, columns in by_row.items()]
+            lines.append(f"Not shown: {', '.join(_first(rows, 'rows'))}: {reason}")
+        return "\n".join(_first(lines, "messages"))
+
+    def _results(self, order: Sequence[Job]) -> Iterator[tuple[Job, Callable[[], tuple[list[Run], str]]]]:
+        """Each job, in the order in which they finish, with a function that returns its runs."""
+        if self.processes == 1 or len(order) < 2:
+            for done, job in enumerate(order):
+                self.report(done, len(order), job.label)
+                yield job, functools.partial(_compute, job, self.store.folder)
+            return
+        context = multiprocessing.get_context("spawn")
+        with concurrent.futures.ProcessPoolExecutor(min(self.processes, len(order)), mp_context=context) as pool:
+            futures = {pool.submit(_compute, job, self.store.folder): job for job in order}
+            try:
+                for future in concurrent.futures.as_completed(futures):
+                    yield futures[future], future.result
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
 
 
-def _answers(
-    order: Sequence[Job], folder: Path | None, count: int, report: Report
-) -> Iterator[tuple[Job, Callable[[], tuple[list[Run], str]]]]:
-    if count == 1 or len(order) < 2:
-        for done, job in enumerate(order):
-            report(done, len(order), job.label)
-            yield job, functools.partial(_computed, job, folder)
-        return
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(min(count, len(order)), mp_context=context) as pool:
-        futures = {pool.submit(_computed, job, folder): job for job in order}
-        try:
-            for future in concurrent.futures.as_completed(futures):
-                yield futures[future], future.result
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+def _with_columns(row: str, columns: Sequence[str]) -> str:
+    if len(columns) > 2:
+        return f"{row} ({len(columns)} columns)"
+    return f"{row} ({'; '.join(columns)})" if any(columns) else row
 
 
-def _computed(job: Job, folder: Path | None) -> tuple[list[Run], str]:
-    """Runs of a job, and what kept them from being written."""
+def _first(texts: list[str], name: str) -> list[str]:
+    """The first texts, and the number of further ones."""
+    return texts if len(texts) <= NAMED else [*texts[:NAMED], f"and {len(texts) - NAMED} more {name}"]
+
+
+def _compute(job: Job, folder: Path | None) -> tuple[list[Run], str]:
+    """Runs of a job, and the reason if they could not be written."""
     runs = [stores.run_of(identity, result) for identity, result in zip(job.identities, job.compute(), strict=True)]
     try:
         for run in runs:
@@ -144,91 +163,86 @@ def _computed(job: Job, folder: Path | None) -> tuple[list[Run], str]:
     return runs, ""
 
 
-def _questions(identities: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    return tuple(stores.question(canonical(identity)) for identity in identities)
-
-
-def window_jobs(chosen: Benchmark, session: str) -> Iterator[Job]:
+def window_jobs(benchmark: Benchmark, session: str) -> Iterator[Job]:
     """Every predictor on every column."""
-    for part in chosen.parts:
+    for part in benchmark.parts:
         for predictor, column in part.runs():
-            spec, row = part.domains[column], row_name(predictor)
+            spec, identity = part.domains[column], part.identity(predictor, column, session)
             compute = functools.partial(score_windows, predictor, spec, part.options(column))
-            identities = [part.identity(predictor, column, session)]
-            yield Job(f"{predictor} on {spec}", (part.title,), row, spec, identities, compute)
+            yield Job(f"{predictor} on {spec}", (part.title,), row_name(predictor), spec, [identity], compute)
 
 
-def score_windows(predictor: str, spec: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Scores of a predictor on a domain, in JSON types."""
+def score_windows(predictor: str, place: Any, options: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Scores of a predictor on a domain or its spec, in JSON types."""
     from motion_gym.scoring.evaluation import evaluate
 
-    return [evaluate(predictor, domain(spec), **options).as_dict()]
+    return [evaluate(predictor, domain(place), **options).as_dict()]
 
 
-def study_identity(study: Study, session: str) -> dict[str, Any]:
-    """Identity of a study: its name, arguments and version, and what takes part."""
-    answered = answered_by(study.uses, [domain(spec) for spec in study.reads], session)
-    answered["versions"] |= {"study": study.version}
-    if not study.compute.startswith("motion_gym."):
-        answered["session"] = session  # the code of a user cannot be known
-    return {"kind": "study", "study": study.name, "arguments": dict(study.arguments), **answered}
-
-
-def study_jobs(chosen: Benchmark, session: str) -> Iterator[Job]:
+def study_jobs(benchmark: Benchmark, session: str) -> Iterator[Job]:
     """Every study."""
-    for study in chosen.studies:
-        compute = functools.partial(_study, study)
-        yield Job(study.name, (STUDY,), study.name, "", [study_identity(study, session)], compute)
+    for study in benchmark.studies:
+        used = answered_by(study.uses, [domain(spec) for spec in study.reads], session)
+        used["versions"] |= {"study": study.version}
+        if not study.compute.startswith("motion_gym."):
+            used["session"] = session  # the code of a user's study is not known
+        identity = {"kind": "study", "study": study.name, "arguments": dict(study.arguments), **used}
+        yield Job(study.name, (STUDY,), study.name, "", [identity], functools.partial(_compute_study, study))
 
 
-def _study(study: Study) -> list[dict[str, Any]]:
+def _compute_study(study: Study) -> list[dict[str, Any]]:
     compute: Any = catalog.load_class(study.compute, "study")
     return [{"study": study.name, "value": json.loads(json.dumps(compute(**study.arguments), allow_nan=False))}]
 
 
-def choice_jobs(chosen: Benchmark, names: Sequence[str], session: str) -> Iterator[Job]:
+def choice_jobs(benchmark: Benchmark, names: Sequence[str], session: str) -> Iterator[Job]:
     """Every setting of every adapter on the stream that settings are chosen on."""
     for name in names:
-        these = chosen.shifts[name]
-        if these.chosen_on:
-            of, on = these.of(0, these.chosen_with), these.chosen_stream()
-            settings = {NONE: [NONE], **{row: these.settings(row) for row in these.rows}}
+        shifts = benchmark.shifts[name]
+        if shifts.chosen_on:
+            of, arguments = shifts.of(0, shifts.chosen_with), {**shifts.chosen_on, "kind": "sudden", "seed": 0}
+            settings = {NONE: [NONE], **{row: shifts.settings(row) for row in shifts.rows}}
             for row, spec in ((row, spec) for row, specs in settings.items() for spec in specs):
-                yield stream_job(these, (name, CHOICE), row, spec, of, on, session)
+                yield stream_job(shifts, (name, CHOICE), row, spec, of, arguments, session)
 
 
-def stream_jobs(chosen: Benchmark, names: Sequence[str], tried: Mapping[str, Tried], session: str) -> Iterator[Job]:
-    """Every adapter, with its best settings, on every stream with every seed."""
-    for name in names:
-        these = chosen.shifts[name]
-        for kind, row, seed in ((k, r, s) for k in these.streams for r in rows_of(these) for s in SEEDS):
-            spec = best_settings(tried[name]).get(row, row)
-            yield stream_job(these, (name, kind), row, spec, these.of(seed), these.played(kind, seed), session)
+def stream_jobs(benchmark: Benchmark, errors: Mapping[str, Errors], session: str) -> Iterator[Job]:
+    """Every adapter, with its best settings, on every stream with every seed.
+
+    Args:
+        benchmark: The benchmark.
+        errors: Errors of the settings by the name of the shifts that are run.
+        session: Name of the command.
+    """
+    for name, errors_of_rows in errors.items():
+        shifts, best = benchmark.shifts[name], best_settings(errors_of_rows)
+        for kind, row, seed in itertools.product(shifts.streams, shifts.all_rows(), SEEDS):
+            arguments = {**shifts.streams[kind], "seed": seed}
+            yield stream_job(shifts, (name, kind), row, best.get(row, row), shifts.of(seed), arguments, session)
 
 
 def stream_job(
-    these: Shifts, where: tuple[str, ...], row: str, adapter: Any, of: str, on: Mapping[str, Any], session: str
+    shifts: Shifts, where: tuple[str, ...], row: str, adapter: Any, of: str, arguments: Mapping[str, Any], session: str
 ) -> Job:
-    """An adapter, a spec or a class, around a predictor on a stream."""
-    arguments = json.dumps(dict(on), sort_keys=True)
-    compute = functools.partial(_stream_result, adapter, of, these.oracle_of(on["seed"]), arguments)
-    label = f"{', '.join(where)}: {label_of(adapter)}, seed {on['seed']}"
-    return Job(label, where, row, arguments, [these.identity(adapter, of, on, session)], compute)
+    """An adapter, a spec or a class, around a predictor on a stream, with the arguments of ``stream``."""
+    text = json.dumps(arguments, sort_keys=True)
+    compute = functools.partial(_stream_result, adapter, of, shifts.oracle_of(arguments["seed"]), text)
+    label = f"{', '.join(where)}: {label_of(adapter)}, seed {arguments['seed']}"
+    return Job(label, where, row, text, [shifts.identity(adapter, of, arguments, session)], compute)
 
 
 def _stream_result(row: Any, of: str, oracle: str | Mapping[str, str], arguments: str) -> list[dict[str, Any]]:
     return [score_stream(row, of, oracle, arguments)[1]]
 
 
-def score_stream(row: Any, of: str, oracle: Any, arguments: str, **options: Any) -> tuple[Any, dict[str, Any]]:
+def score_stream(row: Any, of: str, oracle: Any, arguments: str) -> tuple[Any, dict[str, Any]]:
     """Card of a row around a predictor on a stream, and the result in JSON types.
 
     Args:
         row: Spec of an adapter, a class of adapters, one of ``FILTERS`` or ``oracle``.
         of: Predictor that is adapted.
         oracle: Specs of the oracle's predictors.
-        arguments: Of ``stream``, as JSON.
-        **options: Of ``evaluate_online``.
+        arguments: Arguments of ``stream``, as JSON.
     """
     from motion_gym.online.evaluation import evaluate_online
     from motion_gym.online.target_oracle import TargetOracle
@@ -237,24 +251,19 @@ def score_stream(row: Any, of: str, oracle: Any, arguments: str, **options: Any)
         predictor: Any = TargetOracle(oracle)
     else:
         predictor = catalog.predictor(row) if row in FILTERS else catalog.adapter(row, of)
-    card = evaluate_online(predictor, _played(arguments), **options)
+    card = evaluate_online(predictor, _stream(arguments))
     return card, {"row": label_of(row), "of": of, **card.as_dict()}
 
 
 @functools.lru_cache(maxsize=8)
-def _played(arguments: str) -> Any:
+def _stream(arguments: str) -> Any:
     from motion_gym.online.streams import stream
 
-    how = json.loads(arguments)
-    # The domains keep what they have read, and whose people they share, from one stream to the next.
-    return stream(**{**how, "domains": [domain(spec) for spec in how["domains"]]})
+    options = json.loads(arguments)
+    # Domains are kept from one stream to the next, with their recordings and what they share with other domains.
+    return stream(**{**options, "domains": [domain(spec) for spec in options["domains"]]})
 
 
-def rows_of(these: Shifts) -> tuple[str, ...]:
-    """Rows of a table of shifts."""
-    return (*FILTERS, NONE, ORACLE, *these.rows)
-
-
-def best_settings(tried: Tried) -> dict[str, str]:
-    """The best settings of each row."""
-    return {row: min(values, key=lambda spec: values[spec]) for row, values in tried.items()}
+def best_settings(errors: Errors) -> dict[str, str]:
+    """Spec of the settings with the lowest error, by row."""
+    return {row: min(by_spec, key=lambda spec: by_spec[spec]) for row, by_spec in errors.items()}

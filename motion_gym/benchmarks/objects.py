@@ -1,4 +1,4 @@
-"""What a benchmark is made of: parts, shifts, studies, claims and figures; the same for those of a user."""
+"""The classes that define a benchmark, shipped or a user's: parts, shifts, studies, claims and figures."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
-from motion_gym.benchmarks.reports.claims import Claim
 from motion_gym.contract import SpecError
 from motion_gym.online.streams import stream_name
 
 Report = Callable[[int, int, str], None]
-"""Called with the number of runs done, of all, and what is next."""
+"""Called with the number of finished runs, the number of all runs, and the label of the next run."""
 SAMPLES = 20
 """k of most runs: the first sample gives the scores for k = 1, all of them those for k = 20."""
 SEEDS = (0, 1, 2, 3, 4)
@@ -27,6 +26,10 @@ BASELINE, NONE, ORACLE = "constant_velocity", "none", "oracle"
 """Rows that are in every online table."""
 FILTERS = (BASELINE, "constant_velocity:velocity=4", "kalman_velocity")
 """Training-free rows, which are in every table."""
+EVERYWHERE, NOWHERE, NOT_EVERYWHERE = "everywhere", "nowhere", "not everywhere"
+"""Where a claim says that the error is lower."""
+LEVEL = 0.05
+"""A p-value below this is significant."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +39,13 @@ class Part:
     Attributes:
         title: Heading.
         domains: Columns of the table: short name, and spec.
-        plain: Rows that are not trained, or are fitted to the sources at once.
+        plain: Rows that are not trained, or that are fitted to the sources in closed form.
         trained: Rows with shipped weights.
         weights: Name of the weights of the trained rows.
         protocol: Protocol of every run.
-        references: Reference scenes that a predictor with a style is shown; None for all.
+        references: Number of reference scenes that a predictor with a style receives; None for all.
         pooled: Further columns, each the mean of some columns.
-        shots: Scenes that are given to learn from, by column; none where a column is not named.
+        shots: Number of scenes to learn from, by column; 0 for columns that are not named.
         samples: k of every run.
     """
 
@@ -58,10 +61,12 @@ class Part:
     samples: int = SAMPLES
 
     def runs(self) -> Iterator[tuple[str, str]]:
-        """Predictor and column of every run."""
+        """Predictor and column of every run; SpecError if the weights of a trained row do not ship."""
         yield from ((row, column) for row in self.plain for column in self.domains)
         for row in self.trained:
-            yield from ((spec, column) for spec in self.seeds_of(row).values() for column in self.domains)
+            for seed in shipped_card(self.weights, row)["seeds"]:
+                predictor = with_parameters(row, weights=self.weights, seed=seed)
+                yield from ((predictor, column) for column in self.domains)
 
     def options(self, column: str) -> dict[str, Any]:
         """Options of ``evaluate`` for a column."""
@@ -72,9 +77,9 @@ class Part:
             "shots": self.shots.get(column, 0),
         }
 
-    def identity(self, predictor: str, column: str, session: str | None = None) -> dict[str, Any]:
+    def identity(self, predictor: Any, column: str, session: str | None = None, **options: Any) -> dict[str, Any]:
         """Identity of a run."""
-        return windows_identity(predictor, self.domain(column), session=session, **self.options(column))
+        return windows_identity(predictor, self.domain(column), session=session, **self.options(column), **options)
 
     def domain(self, column: str) -> Any:
         """The domain of a column."""
@@ -88,21 +93,10 @@ class Part:
     def _columns(self) -> dict[tuple[str, int], str]:
         return {(facts_of(self.domain(name)).spec, self.shots.get(name, 0)): name for name in self.domains}
 
-    def seeds_of(self, row: str) -> dict[int, str]:
-        """Specs of a trained row by the seeds of its weights; SpecError if these do not ship."""
-        return {
-            seed: with_parameters(row, weights=self.weights, seed=seed)
-            for seed in shipped_card(self.weights, row)["seeds"]
-        }
-
-
-Found = Sequence[tuple[Part, Sequence[Mapping[str, Any]]]]
-"""Each part of a benchmark with its runs."""
-
 
 @dataclass(frozen=True)
 class Shifts:
-    """Streams of one sort of shift, and the adapters that meet it.
+    """Streams with one sort of shift, and the adapters that are compared on them.
 
     Attributes:
         title: Heading.
@@ -113,7 +107,7 @@ class Shifts:
         rows: Adapters.
         tried: Settings to choose from, by the name of an adapter.
         chosen_on: Arguments of ``stream`` of another shift, on which settings are chosen; its frames are not scored.
-        chosen_with: Weights that are used there.
+        chosen_with: Weights of the predictor on that shift.
     """
 
     title: str
@@ -134,32 +128,28 @@ class Shifts:
         """Specs of the oracle's predictors: one, or one for each domain."""
         if isinstance(self.oracle, str):
             return with_parameters(self.oracle, seed=seed)
-        return {place: with_parameters(spec, seed=seed) for place, spec in self.oracle.items()}
+        return {domain: with_parameters(spec, seed=seed) for domain, spec in self.oracle.items()}
 
     def settings(self, row: str) -> list[str]:
-        """Specs of a row with all the settings that are tried."""
-        return [with_parameters(row, **more) for more in self.tried.get(catalog.parse_spec(row)[0], [{}])]
+        """Specs of a row with each of the settings that are tried."""
+        return [with_parameters(row, **setting) for setting in self.tried.get(catalog.parse_spec(row)[0], [{}])]
 
-    def played(self, kind: str, seed: int) -> dict[str, Any]:
-        """Arguments of ``stream``."""
-        return {**self.streams[kind], "seed": seed}
-
-    def chosen_stream(self) -> dict[str, Any]:
-        """Arguments of the stream on which settings are chosen."""
-        return {**self.chosen_on, "kind": "sudden", "seed": 0}
+    def all_rows(self) -> tuple[str, ...]:
+        """Rows of a table."""
+        return (*FILTERS, NONE, ORACLE, *self.rows)
 
     def identity(self, row: Any, of: str, stream: Mapping[str, Any], session: str | None = None) -> dict[str, Any]:
-        """Identity of a run of a row around a predictor."""
+        """Identity of a run of a row around a predictor, on the stream that arguments of ``stream`` describe."""
         oracle = self.oracle_of(stream["seed"]) if row == ORACLE else {}
-        around = [oracle] if isinstance(oracle, str) else list(oracle.values())
-        predictors = [row] if row in FILTERS else [row, of, *around]
-        places = [domain(spec) for spec in dict.fromkeys(stream["domains"])]
-        return stream_identity(row, predictors, of, name_of_stream(json.dumps(stream)), places, {}, session)
+        oracles = [oracle] if isinstance(oracle, str) else list(oracle.values())
+        predictors = [row] if row in FILTERS else [row, of, *oracles]
+        domains = [domain(spec) for spec in dict.fromkeys(stream["domains"])]
+        return stream_identity(row, predictors, of, _name_of_stream(json.dumps(stream)), domains, {}, session)
 
 
 @dataclass(frozen=True)
 class Study:
-    """Something that is computed once and stored, and shown besides the tables of scores.
+    """Values other than scores that are computed once and stored.
 
     Attributes:
         name: Name in the store.
@@ -167,7 +157,7 @@ class Study:
         render: ``"module:function"`` from that dict to a table; empty for none.
         draw: ``"module:function"`` from that dict and a path to a figure at the path; empty for none.
         file: Name of the figure.
-        arguments: Of ``compute``, in JSON types.
+        arguments: Arguments of ``compute``, in JSON types.
         uses: Specs of the predictors that take part, with their weights.
         reads: Specs of the domains that are read.
         version: Raised by hand when the numbers change.
@@ -185,8 +175,56 @@ class Study:
 
 
 @dataclass(frozen=True)
+class Claim:
+    """A sentence, and the test that decides it: rows have a lower error than other rows.
+
+    Attributes:
+        sentence: What is claimed.
+        rows: Rows whose error is claimed to be lower.
+        than: Rows with which each of them is compared; empty for the row itself in ``than_column``.
+        columns: Columns that are tested; empty for all.
+        panel: Name of the panel; empty for all panels of the honest protocol that have the rows.
+        than_column: Column of the other rows, where it differs.
+        ratio: Range of (mean error of the row) / (mean error of the other row), compared to 1 %.
+        significant: Whether the difference must also be significant.
+        each_seed: Whether the ratio must be in range for each seed.
+        where: Where the claim must be true: ``everywhere``, ``nowhere`` or ``not everywhere``. The latter two are for
+            sentences that deny a difference; their p-values are not corrected.
+    """
+
+    sentence: str
+    rows: Sequence[str]
+    than: Sequence[str] = ()
+    columns: Sequence[str] = ()
+    panel: str = ""
+    than_column: str = ""
+    ratio: tuple[float, float] = (0.0, 1.0)
+    significant: bool = True
+    each_seed: bool = False
+    where: str = EVERYWHERE
+
+    def __post_init__(self) -> None:
+        if self.where not in (EVERYWHERE, NOWHERE, NOT_EVERYWHERE):
+            choices = f"`{EVERYWHERE}`, `{NOWHERE}` or `{NOT_EVERYWHERE}`"
+            raise SpecError(f"`where={self.where}` of the claim `{self.sentence}` is not known: choose {choices}.")
+        if not self.than and not self.than_column:
+            raise SpecError(f"The claim `{self.sentence}` compares with nothing: name `than` or `than_column`.")
+
+    @property
+    def test(self) -> str:
+        """The test in words."""
+        low, high = self.ratio
+        span = f"at most {high:.2f}" if not low else f"{low:.2f} to {high:.2f}".replace(" to inf", " or more")
+        text = "lower" if self.ratio == (0.0, 1.0) else f"ratio of means {span}"
+        text += " for each seed" if self.each_seed else ""
+        corrected = "corrected " if self.where == EVERYWHERE else ""
+        text += f", paired t-test with {corrected}p < {LEVEL:g}" if self.significant else ""
+        return f"{text}; {self.where}"
+
+
+@dataclass(frozen=True)
 class Drawing:
-    """A figure of an error over a parameter of the domains, which are the names of the columns of a part.
+    """A figure of an error over a parameter of the domains. Columns of the part are named by the parameter's values.
 
     Attributes:
         file: Name of the figure.
@@ -205,19 +243,19 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What is scored on what, and what is shown of it.
+    """Which predictors are scored on which domains, and which tables and figures show the results.
 
     Attributes:
         name: Name of its folder and of its block in a file.
         title: What it tests, in a sentence.
         parts: Tables of scores of windows.
         shifts: Tables of scores of streams, by name.
-        studies: What is computed once besides.
+        studies: Further values that are computed once.
         claims: Sentences, and the rows of the parts that decide them.
         claims_over: What the columns are, for the table of claims.
         tables: ``"module:function"`` from the parts with their runs to a further table.
         drawings: Figures.
-        short: Parts that are shown by ``motion-gym run``, or ``"module:function"`` of a table in their place.
+        short: Numbers of the parts that ``motion-gym run`` prints; empty to print ``tables`` instead.
     """
 
     name: str
@@ -229,7 +267,7 @@ class Benchmark:
     claims_over: str = "d"
     tables: Sequence[str] = ()
     drawings: Sequence[Drawing] = ()
-    short: Sequence[int] | str = (0,)
+    short: Sequence[int] = (0,)
 
     def __post_init__(self) -> None:
         titles = [part.title for part in self.parts]
@@ -237,30 +275,29 @@ class Benchmark:
             raise SpecError(f"Two parts of the benchmark `{self.name}` have the same title: give each its own.")
 
     def run(self, *predictors: Any, folder: str | os.PathLike[str] | None = None, **options: Any) -> Any:
-        """Compute what is missing, and score predictors of a user on every column.
+        """Compute the runs that are missing, and score a user's predictors on every column.
 
         Args:
             *predictors: Specs, classes or objects.
-            folder: For one small file per computed run; None to keep none.
+            folder: Folder for one small file per computed run; None to write none.
             **options: Further options of ``running.run``, such as ``adapters``, ``shifts``, ``jobs`` and ``report``.
 
         Returns:
-            ``running.Results``; printed, they are the tables.
+            ``running.Results``; ``print`` shows the tables.
         """
-        from motion_gym.benchmarks import running  # which needs what is defined here
+        from motion_gym.benchmarks import running  # imports this module
 
         return running.run(self, predictors, None if folder is None else Path(folder), **options)
 
 
 @functools.lru_cache(maxsize=64)
-def domain(spec: str) -> Any:
-    """A domain by its spec, made once, so that its windows are kept."""
+def domain(spec: Any) -> Any:
+    """A domain by its spec, made once, so that its windows are kept; a domain is returned as it is."""
     return catalog.domain(spec)
 
 
 @functools.cache
-def name_of_stream(arguments: str) -> str:
-    """Name of a stream by its arguments, as JSON."""
+def _name_of_stream(arguments: str) -> str:
     return stream_name(**json.loads(arguments))
 
 

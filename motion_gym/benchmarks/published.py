@@ -1,8 +1,8 @@
-"""Numbers of others, to stand beside ours, with their source; never mixed with what is measured here.
+"""Published numbers and their sources.
 
 ADE and FDE in metres on ``eth``. ``PAPER``: read off the paper's figure (best of 20, minimum over the summed error of
 a scene, ADE only), means of 5 seeds. ``WEIGHTS``: the weights published with the paper (one seed), run through its
-released program. Errors of one run of those vary by about 0.02 with the sampled noise.
+released program; the sampled noise changes the errors of one run by about 0.02.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ Cells = dict[int, tuple[float, float | None]]
 
 
 def _cells(text: str) -> Cells:
-    """Of ``ADE/FDE`` by alpha, in order; ``-`` where nothing is known."""
-    found: Cells = {}
+    """Parse ``ADE/FDE`` of each alpha, in order; ``-`` stands for an unknown value."""
+    cells: Cells = {}
     for alpha, cell in zip(ALPHAS, text.split(), strict=True):
         if cell != "-":
             ade, _, fde = cell.partition("/")
-            found[alpha] = (float(ade), float(fde) if fde else None)
-    return found
+            cells[alpha] = (float(ade), float(fde) if fde else None)
+    return cells
 
 
 PAPER: dict[str, Cells] = {
@@ -65,4 +65,4 @@ STYLE: dict[str, dict[str, float]] = {
         "modular_invariant": (0.065, 0.069, 0.107, 0.156, 0.221),
     }.items()
 }
-"""The paper's table of style shifts: ADE, k = 1, means of 5 seeds; the modular rows read it from scored scenes."""
+"""The paper's table of style shifts: ADE, k = 1, means of 5 seeds; modular rows read the style from scored scenes."""

@@ -1,4 +1,4 @@
-"""How a benchmark is run: what the store has is shown, what is missing is computed."""
+"""Running a benchmark: stored runs are shown, and missing runs are computed."""
 
 from __future__ import annotations
 
@@ -14,18 +14,8 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import row_name
-from motion_gym.benchmarks.jobs import (
-    CHOICE,
-    STUDY,
-    Tried,
-    choice_jobs,
-    compute_missing,
-    rows_of,
-    stream_jobs,
-    study_jobs,
-    window_jobs,
-)
-from motion_gym.benchmarks.objects import Benchmark, Part, Report
+from motion_gym.benchmarks.jobs import CHOICE, STUDY, Errors, Runner, choice_jobs, stream_jobs, study_jobs, window_jobs
+from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE, Benchmark, Part, Report
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import SpecError
 
@@ -49,39 +39,37 @@ class Results:
 
     Attributes:
         benchmark: The benchmark.
-        kept: The store that the runs are from.
+        runner: The store with the runs, the reasons for missing rows, and the reasons for runs that were not written.
         parts: Each part with its runs.
-        tried: ADE on the shift that settings are chosen on, by name of the shifts.
-        streams: Runs of the seeds by name of the shifts, kind and row.
-        studies: What was computed by name of the study.
-        missing: Rows that are not shown, since some of their runs are missing, and why.
-        unwritten: Why runs that are shown could not be written.
-        compared: Rows of a user: row, title of the table, column, and the comparison with shipped rows.
+        errors: ADE by row and settings on the shift that settings are chosen on, by name of the shifts.
+        streams: Runs of all seeds by name of the shifts, kind and row.
+        studies: Stored values by name of the study.
     """
 
     benchmark: Benchmark
-    kept: Store
+    runner: Runner
     parts: list[tuple[Part, list[Run]]] = field(default_factory=list)
-    tried: dict[str, Tried] = field(default_factory=dict)
+    errors: dict[str, Errors] = field(default_factory=dict)
     streams: dict[tuple[str, ...], list[Run]] = field(default_factory=dict)
     studies: dict[str, dict[str, Any]] = field(default_factory=dict)
-    missing: dict[str, str] = field(default_factory=dict)
-    unwritten: list[str] = field(default_factory=list)
-    compared: list[tuple[str, str, str, dict[str, Any]]] = field(default_factory=list)
 
     def __str__(self) -> str:
         """The tables that ``motion-gym run`` prints, as Markdown."""
-        from motion_gym.benchmarks.reports import pages  # which needs what is defined here
+        from motion_gym.benchmarks.reports import pages  # imports this module
 
-        missing = [f"Not shown: {row}: {reason}" for row, reason in self.missing.items()]
-        return "\n\n".join([*(table.markdown() for table in pages.short(self)), *missing])
+        return "\n\n".join([*(table.markdown() for table in pages.short(self)), self.runner.not_shown()]).rstrip()
+
+    def stream_rows(self, name: str, kind: str) -> dict[str, list[Run]]:
+        """Runs of all seeds by row, for one kind of stream; empty if a row that others are compared with is missing."""
+        rows = {key[2]: runs for key, runs in self.streams.items() if key[:2] == (name, kind)}
+        return rows if {BASELINE, NONE, ORACLE} <= rows.keys() else {}
 
 
 def benchmark(name: str | Benchmark) -> Benchmark:
     """A benchmark by its name, by ``"module:OBJECT"``, or as it is.
 
     Raises:
-        SpecError: there is none of that name.
+        SpecError: no benchmark has that name.
     """
     if isinstance(name, Benchmark):
         return name
@@ -91,16 +79,16 @@ def benchmark(name: str | Benchmark) -> Benchmark:
         )
     module, _, attribute = BENCHMARKS.get(name, name).partition(":")
     try:
-        made = getattr(import_module(module), attribute)
+        value = getattr(import_module(module), attribute)
     except ModuleNotFoundError as error:
         raise SpecError(f"There is no module `{error.name}` for the benchmark `{name}`: run from its folder.") from None
     except AttributeError:
         raise SpecError(f"Module `{module}` has no `{attribute}`: name a Benchmark that it defines.") from None
-    if callable(made):
-        made = made()
-    if not isinstance(made, Benchmark):
-        raise SpecError(f"`{name}` is a {type(made).__name__}: make it a motion_gym.benchmarks.objects.Benchmark.")
-    return made
+    if callable(value):
+        value = value()
+    if not isinstance(value, Benchmark):
+        raise SpecError(f"`{name}` is a {type(value).__name__}: make it a motion_gym.benchmarks.objects.Benchmark.")
+    return value
 
 
 def run(
@@ -115,70 +103,67 @@ def run(
     only: Sequence[str] = (),
     jobs: int = 1,
     session: str | None = None,
-    report: Report = lambda done, of, what: None,
+    report: Report = lambda done, total, label: None,
 ) -> Results:
-    """Show what the store has of a benchmark, and compute what is missing.
+    """Read the stored runs of a benchmark, and compute the missing ones.
 
     Args:
         name: The benchmark.
-        predictors: Further rows: predictors of a user, which are scored on every column.
-        folder: For one small file per run; None to keep none.
-        adapters: Further rows on streams: adapters of a user.
-        of: Predictor that these adapters are put around; by default that of each of the shifts.
+        predictors: Further rows: a user's predictors, which are scored on every column.
+        folder: Folder for one small file per run; None to write none.
+        adapters: Further rows on streams: a user's adapters.
+        of: Predictor that these adapters are put around; by default the one of each of the shifts.
         shifts: Names of the shifts that are run; all by default.
-        fresh: Compute also what the store has.
+        fresh: Whether stored runs are computed again.
         only: Rows that are computed; all by default.
-        jobs: Processes that compute.
-        session: Name of the command, see ``identity.answered_by``; by default a new one.
-        report: Called before each run with the number of runs done, of all, and what is next.
+        jobs: Number of processes that compute.
+        session: Name of the command, see ``identity.answered_by``; a new one by default.
+        report: Called before each run with the number of finished runs, the number of all runs, and a label.
 
     Returns:
-        The runs; rows that could not be computed are named in ``missing``, with the reason.
+        The runs; ``runner.missing`` has the reason for each row that is not shown.
 
     Raises:
         SpecError: a name is not known.
     """
     chosen = benchmark(name)
-    for wanted in shifts:
-        if wanted not in chosen.shifts:
-            raise SpecError(f"{chosen.name} has no shift `{wanted}`.{catalog.suggest(wanted, chosen.shifts)}")
+    for shift in shifts:
+        if shift not in chosen.shifts:
+            raise SpecError(f"{chosen.name} has no shift `{shift}`.{catalog.suggest(shift, chosen.shifts)}")
     _check_rows(chosen, only)
-    count = catalog.whole_number("jobs", jobs, 1, 4 * (os.cpu_count() or 1))
+    processes = catalog.whole_number("jobs", jobs, 1, 4 * (os.cpu_count() or 1))
     session = session or secrets.token_hex(8)
-    kept = Store(chosen.name, folder)
-    results = Results(chosen, kept)
-    reasons: dict[str, str] = {}
-    how: dict[str, Any] = {"fresh": fresh, "only": only, "count": count, "report": report}
-    how |= {"reasons": reasons, "missing": results.missing}
+    runner = Runner(Store(chosen.name, folder), fresh, only, processes, report)
+    results = Results(chosen, runner)
     names = shifts or list(chosen.shifts)
-    first = [*window_jobs(chosen, session), *study_jobs(chosen, session), *choice_jobs(chosen, names, session)]
-    rows = compute_missing(kept, first, **how)
+    rows = runner.rows(
+        [*window_jobs(chosen, session), *study_jobs(chosen, session), *choice_jobs(chosen, names, session)]
+    )
     results.parts = [
-        (p, [run for key, runs in rows.items() if key[0] == p.title for run in runs]) for p in chosen.parts
+        (part, [run for key, runs in rows.items() if key[0] == part.title for run in runs]) for part in chosen.parts
     ]
-    results.studies = {name: runs[0]["value"] for (where, *_, name), runs in rows.items() if where == STUDY}
-    results.tried = {
-        name: {key[2]: _ade_by_setting(runs) for key, runs in rows.items() if key[:2] == (name, CHOICE)}
-        for name in names
+    results.studies = {study: runs[0]["value"] for (where, *_, study), runs in rows.items() if where == STUDY}
+    results.errors = {
+        shift: {row: _error_by_setting(runs) for (*where, row), runs in rows.items() if where == [shift, CHOICE]}
+        for shift in names
     }
-    results.streams = compute_missing(kept, list(stream_jobs(chosen, names, results.tried, session)), **how)
+    results.streams = runner.rows(list(stream_jobs(chosen, results.errors, session)))
     if predictors or adapters:
-        from motion_gym.benchmarks import own_rows  # which needs what is defined here
+        from motion_gym.benchmarks import own_rows  # imports this module
 
-        own_rows.add(results, predictors, adapters, of, session, how)
-    results.unwritten = list(dict.fromkeys(reason for key, reason in reasons.items() if key in kept.runs))
+        own_rows.add(results, predictors, adapters, of, session)
     return results
 
 
-def _ade_by_setting(runs: Sequence[Run]) -> dict[str, float]:
-    """ADE by settings on the shift that they are chosen on, the mean over its segments."""
+def _error_by_setting(runs: Sequence[Run]) -> dict[str, float]:
+    """ADE by settings, the mean over the segments of the stream."""
     return {run["row"]: float(np.mean([segment["ade"]["mean"] for segment in run["segments"]])) for run in runs}
 
 
 def _check_rows(chosen: Benchmark, only: Sequence[str]) -> None:
     known = [row_name(row) for part in chosen.parts for row in (*part.plain, *part.trained)]
-    known += [row for these in chosen.shifts.values() for row in rows_of(these)]
-    known += [spec for these in chosen.shifts.values() for row in these.rows for spec in these.settings(row)]
+    for shifts in chosen.shifts.values():
+        known += [*shifts.all_rows(), *(spec for row in shifts.rows for spec in shifts.settings(row))]
     known += [study.name for study in chosen.studies]
     for row in only:
         if row not in known:

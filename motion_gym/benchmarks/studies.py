@@ -1,7 +1,7 @@
-"""What benchmarks compute besides scores. Each function takes JSON values and returns a dict of JSON values.
+"""Studies: values other than scores. Each function takes JSON values and returns a dict of JSON values.
 
-A study is computed once and stored; ``study_tables`` and ``figures`` show what is stored and compute nothing. Lengths
-are in the unit of the domain, positions [agents, steps, 2] in world coordinates.
+A study is computed once and stored; ``study_tables`` and ``figures`` show the stored values. Lengths are in the unit of
+the domain, positions [agents, steps, 2] in world coordinates.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ COUNTS = (0, 1, 4, 16, 64, 256)
 STEPS = (0, 3, 10, 30)
 """Numbers of refinement steps."""
 REFERENCES = 64
-"""Reference scenes towards whose style a forecast is refined."""
+"""Number of reference scenes towards whose style a forecast is refined."""
 DRAWN_AGENTS = (3, 6)
-"""Fewest and most agents of a scene that is drawn."""
+"""Smallest and largest number of agents in a scene that is drawn."""
 
 Study = dict[str, Any]
 """A stored study."""
 
 
 def by_references(rows: Sequence[str], weights: str, domains: Mapping[str, str]) -> Study:
-    """How the error falls with the number of reference scenes that the style is read from.
+    """Errors by the number of reference scenes that the style is read from.
 
     Args:
         rows: Predictors with ``observe``.
@@ -43,8 +43,8 @@ def by_references(rows: Sequence[str], weights: str, domains: Mapping[str, str])
         domains: Specs of the domains by their names in the table.
 
     Returns:
-        ``counts``: numbers of reference scenes; ``seeds``: seeds of the weights, each with reference scenes of its
-        own; ``ade``: name of the domain -> row -> [counts][seeds] mean ADE at k = 1; ``unit`` and ``dt``.
+        ``counts``: numbers of reference scenes; ``seeds``: seeds of the weights, each with its own reference scenes;
+        ``ade``: name of the domain -> row -> [counts][seeds] mean ADE at k = 1; ``unit`` and ``dt``.
     """
     ade: dict[str, dict[str, list[list[float]]]] = {}
     seeds: list[int] = []
@@ -62,7 +62,7 @@ def by_references(rows: Sequence[str], weights: str, domains: Mapping[str, str])
 
 
 def _error_after(predictor: Any, reference: Truth, count: int, seed: int, truth: Truth) -> float:
-    """Mean ADE after a predictor was shown some reference scenes, drawn with a seed."""
+    """Mean ADE of a predictor that has observed some reference scenes, drawn with a seed."""
     drawn = np.random.default_rng(seed).permutation(reference.observation.scenes)[:count]
     predictor.reset()
     tell(predictor, pick_scenes(reference, drawn))
@@ -72,11 +72,11 @@ def _error_after(predictor: Any, reference: Truth, count: int, seed: int, truth:
 def left_out(rows: Sequence[str], domain: str | Domain) -> Study:
     """Leave-one-source-out: fit to the train windows of all sources but one, score on the source that is left out.
 
-    Nothing of the domain itself is looked at but what its sources are.
+    The windows of the domain itself are not used.
 
     Args:
         rows: Specs of predictors that are fitted in closed form.
-        domain: The domain that they are to be tested on later.
+        domain: The domain whose sources are used.
 
     Returns:
         ``ade``: row -> source -> mean ADE at k = 1 on the validation windows of that source, and ``mean`` over the
@@ -100,21 +100,20 @@ def left_out(rows: Sequence[str], domain: str | Domain) -> Study:
 def one_scene(place: str, alphas: Sequence[float], rows: Sequence[str], weights: str) -> Study:
     """Forecasts of one scene by several predictors at several alphas.
 
-    The scene is that of three to six agents who leave their straight way most (the largest final error of constant
-    velocity), so that there is something to see.
+    The scene has three to six agents, and the largest mean final error of constant velocity of all such scenes.
 
     Args:
         place: Domain with the parameter alpha.
         alphas: Values of alpha.
         rows: Predictors.
-        weights: Name of the weights of those rows that have some.
+        weights: Name of the weights, for rows with weights.
 
     Returns:
         ``history`` and ``future`` of the scene; ``panels``: heading -> row -> most likely forecast; ``unit`` and
         ``dt``.
     """
     truth = catalog.domain(place, alpha=alphas[0]).windows("test")
-    number = _scene_of_turns(truth)
+    number = _scene_with_turns(truth)
     panels: dict[str, dict[str, Any]] = {}
     for alpha in alphas:
         domain = catalog.domain(place, alpha=alpha)
@@ -122,20 +121,20 @@ def one_scene(place: str, alphas: Sequence[float], rows: Sequence[str], weights:
         for row in rows:
             predictor = ready(with_parameters(row, weights=weights) if takes_weights(row) else row, domain)
             forecast = ask(predictor, scene.observation).most_likely()
-            panels.setdefault(f"alpha = {alpha:g}", {})[row] = _rounded(forecast)
-    return {**_drawn(pick_scenes(truth, [number])), "panels": panels, **_measure(domain.card)}
+            panels.setdefault(f"alpha = {alpha:g}", {})[row] = _positions(forecast)
+    return {**_scene(pick_scenes(truth, [number])), "panels": panels, **_measure(domain.card)}
 
 
 def two_agents(row: str, weights: str, right: str, wrong: str) -> Study:
-    """Forecasts of one scene as they are refined towards references of its own style and of another style.
+    """Forecasts of one scene, refined towards reference scenes of its own style and of another style.
 
-    Forecasts begin in the mean style of training. The scene is the one in the middle by how close its agents come to
-    each other in that forecast.
+    Refinement starts from the mean style of training. The scene is the median by the smallest distance between its
+    agents in the unrefined forecast.
 
     Args:
         row: Predictor that is refined.
-        weights: Name of its weights; the first seed is taken.
-        right: Domain of the scene, of two agents.
+        weights: Name of its weights; the first seed is used.
+        right: Domain of the scene, with two agents.
         wrong: Domain of another style.
 
     Returns:
@@ -157,11 +156,11 @@ def two_agents(row: str, weights: str, right: str, wrong: str) -> Study:
     scene = pick_scenes(truth, [int(np.argsort(closest)[len(closest) // 2])])
     panels = {
         f"towards scenes of {style} (the scene is of {right})": {
-            f"{steps} steps": _rounded(forecast(style, steps, scene)) for steps in STEPS
+            f"{steps} steps": _positions(forecast(style, steps, scene)) for steps in STEPS
         }
         for style in (right, wrong)
     }
-    return {**_drawn(scene), "panels": panels, **_measure(domain.card)}
+    return {**_scene(scene), "panels": panels, **_measure(domain.card)}
 
 
 def _ade(predictor: Any, truth: Truth) -> float:
@@ -172,23 +171,23 @@ def _measure(card: Any) -> Study:
     return {"unit": card.unit, "dt": card.dt}
 
 
-def _drawn(scene: Truth) -> Study:
-    return {"history": _rounded(scene.observation.xy), "future": _rounded(scene.future)}
+def _scene(scene: Truth) -> Study:
+    return {"history": _positions(scene.observation.xy), "future": _positions(scene.future)}
 
 
-def _rounded(positions: np.ndarray) -> list[Any]:
-    """Positions to 0.1 mm, as a figure needs no more."""
+def _positions(positions: np.ndarray) -> list[Any]:
+    """Positions, rounded to 0.1 mm."""
     return np.round(positions.astype(float), 4).tolist()  # type: ignore[no-any-return]
 
 
-def _scene_of_turns(truth: Truth) -> int:
-    """Number of the scene of three to six agents whose mean final error of constant velocity is the largest."""
+def _scene_with_turns(truth: Truth) -> int:
+    """Number of the scene of three to six agents with the largest mean final error of constant velocity."""
     xy, scene = truth.observation.xy, truth.observation.scene
     straight = xy[:, -1] + FUTURE * (xy[:, -1] - xy[:, -2])
-    off = np.linalg.norm(truth.future[:, -1] - straight, axis=-1)
+    errors = np.linalg.norm(truth.future[:, -1] - straight, axis=-1)
+    means = np.array([errors[a:b].mean() for a, b in itertools.pairwise(scene)])
     sizes, fewest, most = np.diff(scene), *DRAWN_AGENTS
-    turned = np.array([off[a:b].mean() for a, b in itertools.pairwise(scene)])
     fits = (sizes >= fewest) & (sizes <= most)
     if not fits.any():
         raise SpecError(f"No scene of {fewest} to {most} agents to draw: choose another domain.")
-    return int(np.where(fits, turned, -1).argmax())
+    return int(np.where(fits, means, -1).argmax())

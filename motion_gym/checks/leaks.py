@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -96,7 +97,7 @@ class _Tape:
 
 def leak_probe(
     predictor: str | Predictor,
-    domain: str | Domain,
+    domain: str | Domain | None = None,
     *,
     clock: str = "stream",
     split: str = "test",
@@ -135,6 +136,7 @@ def leak_probe(
         PredictorError: The predictor broke its contract.
         DataError: Data is missing or damaged.
     """
+    predictor, domain = _in_order(predictor, domain)
     one_of("clock", clock, CLOCKS)
     cuts = catalog.whole_number("cuts", cuts, 1, 10**9)
     place = catalog.domain(domain, **parameters)
@@ -177,6 +179,21 @@ def leak_probe(
         unprobed=tuple(unprobed),
         leaks=tuple(leaks.values()),
     )
+
+
+def _in_order(predictor: Any, domain: Any) -> tuple[Any, Any]:
+    """Predictor and domain, also where they are given in the order of earlier versions: domain, predictor."""
+    named = isinstance(predictor, str) and catalog.parse_spec(predictor)[0] in catalog.DOMAINS
+    if not named and not hasattr(predictor, "recordings"):
+        if domain is None:
+            raise SpecError("leak_probe needs a domain: leak_probe(predictor, domain).")
+        return predictor, domain
+    warnings.warn(
+        "leak_probe(domain, predictor) is the order of earlier versions: write leak_probe(predictor, domain).",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return ("constant_velocity" if domain is None else domain), predictor
 
 
 def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | None) -> _Tape:

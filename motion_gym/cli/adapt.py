@@ -1,4 +1,4 @@
-"""The verb of the command line that adapts a predictor on a stream."""
+"""The command that adapts a predictor on a stream."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ import tyro
 from motion_gym import catalog
 from motion_gym.benchmarks import store
 from motion_gym.benchmarks.identity import canonical, digest_of, stream_identity
+from motion_gym.benchmarks.jobs import Job, Runner
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.reports.online_tables import stream_table
-from motion_gym.cli.output import Out, console, progress_bar, reporter, say, session_of
-from motion_gym.contract import PredictorError, SpecError
-from motion_gym.data.storage import StorageError, cache_folder
+from motion_gym.cli.output import Out, begin, console, end, progress_bar, reporter, say
+from motion_gym.contract import SpecError
+from motion_gym.data.storage import cache_folder
 from motion_gym.online.evaluation import check_options, evaluate_online
 from motion_gym.online.streams import stream
 from motion_gym.online.target_oracle import TargetOracle
 from motion_gym.stepping.harness import ready
 
 DEFAULTS = {"labels": "matured", "scope": "stream", "realtime": False, "cost": None, "seed": 0}
-"""Options of ``evaluate_online`` that are not named in the identity of a run where they have these values."""
+"""Defaults of options of ``evaluate_online``, which are left out of the identity of a run."""
 
 
 def adapt(
@@ -42,29 +43,29 @@ def adapt(
     out: Out = None,
     resume: bool = False,
 ) -> None:
-    """Let adapters learn on a stream, beside constant velocity, the source model that never learns, and an oracle.
+    """Let adapters learn on a stream, and compare them with constant velocity, the source model, and an oracle.
 
-    Each forecast is stored, scored when its truth is known, and only then learned from.
+    Each forecast is stored, and scored when its ground truth is known; only then does the adapter learn.
 
     Args:
         predictor: The source model: name or spec, as modular_invariant:weights=style,seed=0.
-        adapter: Name or spec of an adapter (see `motion-gym ls`), or your own (module:Class); again for each one.
-        on: Domain to play; again for each one, in order.
+        adapter: Name or spec of an adapter (see `motion-gym ls`), or your own (module:Class); once for each adapter.
+        on: Domain of the stream; give it once for each domain, in order.
         kind: sudden: one domain after the other; recurring: and all over again; gradual: in blocks, of which more and
             more are of the next; mixed: in blocks in random order.
         frames: Frames of each visit of a domain, 200 or more where there are blocks; by default as many as the
             shortest one has, at most 4000.
         cycles: Visits of each domain where they recur or mix.
         split: Split of the domains.
-        labels: matured: the truth of a scene is told once; stepwise: step by step, as it happens.
-        scope: What was learned is forgotten at the end of: stream, place, or agent.
-        realtime: The stream does not wait for an update, and truth that comes meanwhile is lost.
-        cost: Seconds that an update is declared to take in realtime; measured by default.
+        labels: matured: each scene's ground truth is revealed once, after its last step; stepwise: step by step.
+        scope: The adapter forgets at the end of a: stream, place, or agent.
+        realtime: The stream does not wait for an update; ground truth that arrives meanwhile is lost.
+        cost: Declared duration of an update in seconds, with --realtime; measured by default.
         oracle: A predictor that was trained on these domains, for the adaptation gain.
         seed: Seed of the stream and of a predictor's samples.
-        out: Folder for one JSON file per run. A run of shipped predictors, adapters and domains that is there is not
-            run again; your own are run each time, since their code and files cannot be known.
-        resume: Go on with the same command that was interrupted: its runs in OUT are reused, your own included.
+        out: Folder for one JSON file per run. Runs of shipped predictors, adapters and domains are reused; your own are
+            run each time, since changes of their code and files are not noticed.
+        resume: Resume the same command after an interruption: its runs in OUT are reused, your own included.
     """
     if not adapter:
         raise SpecError(f"No adapter was named: add --adapter {next(iter(catalog.ADAPTERS))}, or see `motion-gym ls`.")
@@ -79,43 +80,30 @@ def adapt(
         learners[ORACLE] = TargetOracle(oracle)
     options: dict[str, Any] = {"labels": labels, "scope": scope, "realtime": realtime, "cost": cost, "seed": seed}
     arguments = ["adapt", predictor, *adapter, "on", *on, played.name, str(oracle), str(sorted(options.items()))]
-    session = session_of(out, arguments, resume)
-    kept = store.Store(None, out)
+    session = begin(out, arguments, resume)
+    changed = {name: value for name, value in options.items() if value != DEFAULTS[name]}
+    runner = Runner(store.Store(None, out))
     rows: dict[str, list[store.Run]] = {}
-    failures, unwritten = [], []
     with progress_bar() as progress:
         for row, learner in learners.items():
-            around = [predictor] if row not in (BASELINE, ORACLE) else [oracle] if row == ORACLE else []
-            asked = {name: value for name, value in options.items() if value != DEFAULTS[name]}
-            identity = stream_identity(row, [row, *around], predictor, played.name, played.domains, asked, session)
+            inner = {BASELINE: [], ORACLE: [oracle]}.get(row, [predictor])
+            identity = stream_identity(row, [row, *inner], predictor, played.name, played.domains, changed, session)
 
-            def compute(learner: Any = learner, row: str = row, identity: dict[str, Any] = identity) -> dict[str, Any]:
-                checkpoint = checkpoint_of(identity)
-                report = reporter(progress, row)
+            def compute(row: str = row, learner: Any = learner, identity: Any = identity) -> list[dict[str, Any]]:
+                report, checkpoint = reporter(progress, row), checkpoint_of(identity)
                 card = evaluate_online(learner, played, checkpoint=checkpoint, report=report, **options)
-                return {"row": row, "of": predictor, **card.as_dict()}
+                return [{"row": row, "of": predictor, **card.as_dict()}]
 
-            try:
-                kept.get(identity, compute)
-            except PredictorError as error:
-                if row in (BASELINE, NONE):
-                    raise  # every table needs them
-                failures.append(f"{row}: {error}")
-            except StorageError as error:
-                unwritten.append(str(error))
-            if run := kept.find(identity):
-                rows[row] = [run]
+            rows |= {key[-1]: runs for key, runs in runner.rows([Job(row, (), row, "", [identity], compute)]).items()}
+            if row in (BASELINE, NONE) and row not in rows:
+                end(out, runner)  # raises, since every table needs these rows
     console.print(stream_table(played.name, rows))
-    if failures:
-        raise PredictorError("\n".join(failures))
-    if unwritten:
-        raise StorageError("\n".join(unwritten))
-    store.end(out)
+    end(out, runner)
     if out is not None:
         say(f"Results are in {out}.")
 
 
 def checkpoint_of(identity: dict[str, Any]) -> Path:
-    """File from which a run goes on that was stopped; in the user's cache, where nobody else can put one."""
+    """File from which an interrupted run is resumed; in the user's cache, where nobody else can place files."""
     folder = cache_folder() / "checkpoints"
     return folder / f"{digest_of(json.dumps(canonical(identity), sort_keys=True))}.checkpoint"

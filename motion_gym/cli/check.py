@@ -1,4 +1,4 @@
-"""The verb that holds something to the contract, and looks for leaks."""
+"""The command that tests a predictor, an adapter or a domain against the contract, and looks for leaks."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def check(
     only: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RULE")] = [],  # noqa: B006
     skip: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RULE=REASON")] = [],  # noqa: B006
 ) -> None:
-    """Hold a predictor, an adapter or a domain to the contract, and look for leaks of the future on both clocks.
+    """Test a predictor, an adapter or a domain against the contract, and look for leaks of the future on both clocks.
 
     Args:
         thing: Predictor, adapter or domain: your own (module:Class), a name or a spec.
-        domain: For a predictor or an adapter: the domain on which leaks are looked for.
+        domain: For a predictor or an adapter: the domain on which the leak probe runs.
         of: For an adapter: the predictor to put it around, by default modular_invariant. Your own class is checked as
             an adapter if this is given.
         list: List the rules of each kind and check nothing.
@@ -40,7 +40,7 @@ def check(
 
     if list:
         for kind in KINDS:
-            console.print(Table(f"Rules of {kind}s", ("rule", "what"), [*rules(kind).items()]))
+            console.print(Table(f"Rules of {kind}s", ("rule", "description"), [*rules(kind).items()]))
         return
     if thing is None:
         raise SpecError("Nothing was named to check: motion-gym check THING, or motion-gym check --list.")
@@ -51,15 +51,15 @@ def check(
     if kind == "predictor" and not _is_predictor(thing):
         kind, place, predictor = "domain", catalog.domain(thing), BASELINE
     of = of or PREDICTOR
-    found = run_checks(thing, kind, of=of, domain=None if kind == "domain" else place, only=only, skip=reasons)
-    found.require_ok()
-    text = str(found).replace(thing, f"{thing} around {of}", 1) if kind == "adapter" else str(found)
+    report = run_checks(thing, kind, of=of, domain=None if kind == "domain" else place, only=only, skip=reasons)
+    report.require_ok()
+    text = str(report).replace(thing, f"{thing} around {of}", 1) if kind == "adapter" else str(report)
     console.print(text, highlight=False, markup=False)
     if only:
         return
     if kind == "adapter":
         predictor = catalog.adapter(thing, ready(of, place))
-    # An oracle reads the world by permission, and simulates whole windows.
+    # An oracle may read the domain, and simulates whole windows.
     oracle = hasattr(catalog.predictor(predictor), "know")
     for clock in ("windows",) if oracle else ("windows", "stream"):
         probe = leak_probe(predictor, place, clock=clock)

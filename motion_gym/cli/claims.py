@@ -1,8 +1,8 @@
-"""The verb that holds every sentence about results against the stored runs."""
+"""The command that tests every claim about results on the stored runs."""
 
 from __future__ import annotations
 
-from motion_gym.benchmarks.reports import pages
+from motion_gym.benchmarks.reports import claims_page
 from motion_gym.cli.output import Out, say
 from motion_gym.data.storage import write_atomic
 
@@ -13,7 +13,7 @@ def claims(out: Out = None) -> None:
     Args:
         out: File to write instead of printing, as docs/claims.md.
     """
-    text = pages.claims_about()
+    text = claims_page.page()
     if out is None:
         print(text, end="")
     else:

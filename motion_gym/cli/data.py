@@ -1,4 +1,4 @@
-"""The verb for data sets."""
+"""The command for data sets."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def data(
     """List, add, download or verify data sets.
 
     Args:
-        action: ls: what there is and what is here; add: copy the files from a folder, after checking each; fetch:
-            download what is missing; verify: check every file against its checksum.
+        action: ls: list known and installed data sets; add: check each file in a folder, and copy it; fetch: download
+            missing files; verify: check every file against its checksum.
         name: Name of the data set, as eth_ucy.
         source: For add: the folder that holds the files, at any depth.
     """

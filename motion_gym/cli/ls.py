@@ -1,4 +1,4 @@
-"""The verb that lists what there is, and explains one of it."""
+"""The command that lists domains, predictors, benchmarks and data sets, and explains one of them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
     """List domains, predictors, adapters, benchmarks, protocols, metrics and data sets, or explain one.
 
     Args:
-        name: Domain, predictor or adapter to explain, with its parameters; nothing lists them all.
+        name: Domain, predictor or adapter to explain, with its parameters; without a name, all are listed.
     """
     if name is not None:
         _explain(name)
         return
-    what = ("name", "what")
+    head = ("name", "description")
     domains = [(key, entry.env_id or "", entry.summary) for key, entry in catalog.DOMAINS.items()]
     predictors = [(key, entry.summary) for key, entry in catalog.PREDICTORS.items()]
     adapters = [(key, entry.summary) for key, entry in catalog.ADAPTERS.items()]
@@ -34,13 +34,15 @@ def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="
     metrics = [(metric.name, metric.unit, metric.description) for metric in METRICS]
     sets = [(entry.name, entry.title) for entry in datasets.DATASETS.values()]
     for table in (
-        Table("Domains  (name:parameter=value; also environments motion_gym/ID)", ("name", "id", "what"), domains),
-        Table("Predictors  (or your own: module:Class)", what, predictors),
-        Table("Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)", what, adapters),
-        Table("Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)", what, benchmarks),
-        Table("Protocols", what, list(PROTOCOLS.items())),
-        Table("Metrics", ("name", "unit", "what"), metrics),
-        Table("Data sets  (motion-gym data ...)", what, sets),
+        Table(
+            "Domains  (name:parameter=value; also environments motion_gym/ID)", ("name", "id", "description"), domains
+        ),
+        Table("Predictors  (or your own: module:Class)", head, predictors),
+        Table("Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)", head, adapters),
+        Table("Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)", head, benchmarks),
+        Table("Protocols", head, list(PROTOCOLS.items())),
+        Table("Metrics", ("name", "unit", "description"), metrics),
+        Table("Data sets  (motion-gym data ...)", head, sets),
     ):
         console.print(table)
 

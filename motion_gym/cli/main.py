@@ -1,4 +1,4 @@
-"""The command line, ``motion-gym``: the verbs, and what becomes of errors."""
+"""The command line, ``motion-gym``: its commands, and how errors are shown."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from motion_gym.cli.adapt import adapt
 from motion_gym.cli.check import check
 from motion_gym.cli.claims import claims
 from motion_gym.cli.data import data
-from motion_gym.cli.draw import draw
 from motion_gym.cli.ls import ls
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
+from motion_gym.cli.show import show
 from motion_gym.cli.train import import_weights, train
 from motion_gym.contract import MotionGymError
 
@@ -32,21 +32,21 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "import-weights": import_weights,
     "ls": ls,
     "check": check,
-    "draw": draw,
+    "show": show,
     "claims": claims,
     "data": data,
 }
 RESUMED = ("score", "run", "adapt", "train")
-"""Verbs with ``--resume``."""
+"""Commands with ``--resume``."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; errors that people can mend are one message and exit status 2."""
+    """Run the command line; errors are shown as one message, with exit status 2."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
         print(f"motion-gym {importlib.metadata.version('motion-gym')}")
         return
-    # So that module:Class finds files of the folder one works in.
+    # module:Class finds files of the working folder.
     sys.path.insert(0, os.getcwd())
     warnings.showwarning = _show_warning
     try:
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _print(f"Stopped.{go_on if arguments[0] in RESUMED else ''}")
         sys.exit(130)
     except BrokenPipeError:
-        os._exit(0)  # whoever read the output has seen enough
+        os._exit(0)  # the reader of the output has ended
     except Exception as error:
         if os.environ.get("MOTION_GYM_DEBUG"):
             raise

@@ -1,4 +1,4 @@
-"""What the command line prints with, and the options that several verbs share."""
+"""Printing and progress bars, and the start and end of commands that write runs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from motion_gym.benchmarks import store
+from motion_gym.benchmarks.jobs import Runner
+from motion_gym.contract import PredictorError
+from motion_gym.data.storage import StorageError
 
 console = Console(emoji=False)
 Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
@@ -19,29 +22,29 @@ Text = Annotated[str | None, tyro.conf.arg(metavar="TEXT")]
 
 
 def progress_bar() -> Progress:
-    """A bar on the error stream with a description, a count and the time left; nothing where that is no terminal."""
+    """A bar on the error stream with a description, a count and the time left; hidden unless in a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     screen = Console(stderr=True)
     return Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
 
 
 def reporter(progress: Progress, title: str) -> Callable[[int, int, str], None]:
-    """A function that shows on a bar: the number of steps done, of all, and what is next."""
+    """A function that shows on a bar the number of finished steps, the number of all steps, and a label."""
     task: Any = progress.add_task(escape(title), total=None)
 
-    def report(done: int, of: int, what: str) -> None:
-        progress.update(task, total=of, completed=done, description=escape(what))
+    def report(done: int, total: int, label: str) -> None:
+        progress.update(task, total=total, completed=done, description=escape(label))
 
     return report
 
 
 def say(text: str) -> None:
-    """Print as it is: no markup, no colours, no lines broken."""
+    """Print without markup, colours and line breaks."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-def session_of(folder: Path | None, arguments: Sequence[str], resume: bool) -> str:
-    """Begin a command that writes runs into a folder, or go on with the interrupted one, and say so."""
+def begin(folder: Path | None, arguments: Sequence[str], resume: bool) -> str:
+    """Begin a command that writes runs into a folder, or resume the interrupted one; returns its session."""
     session, resumed = store.begin(folder, arguments, resume)
     if resume:
         say(
@@ -50,3 +53,17 @@ def session_of(folder: Path | None, arguments: Sequence[str], resume: bool) -> s
             else f"There is no interrupted command with these arguments in {folder}: it begins anew."
         )
     return session
+
+
+def end(folder: Path | None, runner: Runner) -> None:
+    """End a command that writes runs into a folder.
+
+    Raises:
+        PredictorError: rows are not shown. The command can be resumed.
+        StorageError: runs could not be written.
+    """
+    if message := runner.not_shown():
+        raise PredictorError(message)
+    if runner.unwritten:
+        raise StorageError("\n".join(runner.unwritten))
+    store.end(folder)

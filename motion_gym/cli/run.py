@@ -1,4 +1,4 @@
-"""The verb that runs a benchmark."""
+"""The command that runs a benchmark."""
 
 from __future__ import annotations
 
@@ -8,18 +8,13 @@ from typing import Annotated
 
 import tyro
 
-from motion_gym.benchmarks import jobs as run_jobs
-from motion_gym.benchmarks import running, store
+from motion_gym.benchmarks import running
 from motion_gym.benchmarks.reports import marked_block
-from motion_gym.cli.output import Out, Text, console, progress_bar, reporter, say, session_of
-from motion_gym.contract import PredictorError
-from motion_gym.data.storage import StorageError
+from motion_gym.cli.output import Out, Text, begin, console, end, progress_bar, reporter, say
 
 FOLDER = Path("results")
-"""Where runs that had to be computed are kept, if no folder is named."""
+"""Folder for computed runs, if no folder is named."""
 DEFAULT_JOBS = min(os.cpu_count() or 1, 4)
-SHOWN = 8
-"""Most missing rows that are named."""
 Rows = tyro.conf.UseAppendAction
 
 
@@ -37,26 +32,26 @@ def run(
     into: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     pack: bool = False,
 ) -> None:
-    """Show the table of a benchmark, and compute what is missing of it.
+    """Show the table of a benchmark, and compute its missing runs.
 
     The runs of the shipped rows come with the package: they are shown without data, without PyTorch and without
-    computing. A predictor or an adapter of your own is scored on every column, and stands among them.
+    computing. Your own predictor or adapter is scored on every column, and shown as a further row.
 
     Args:
         benchmark: A name (see `motion-gym ls`), or your own: module:OBJECT, a motion_gym.benchmarks.objects.Benchmark.
-        predictor: Further row: your own predictor (module:Class), or a spec, also with weights of your own. What can be
-            fitted is fitted on the sources of each column with five seeds, unless weights are given. Again for each.
-        adapter: Further row on the streams of online: your own adapter (module:Class), or a spec. Again for each.
-        shift: Shift of online that is run; all by default. Again for each.
-        only: Row that is computed if it is missing, or with --fresh again; all by default. Again for each.
+        predictor: Further row: your own predictor (module:Class), or a spec, also with weights of your own. A predictor
+            with `fit` is fitted to the sources of each column with five seeds. Give it once for each row.
+        adapter: Further row on the streams of online: your own adapter (module:Class), or a spec. Once for each row.
+        shift: Shift of online that is run; all by default. Give it once for each shift.
+        only: Row that is computed; all by default. Give it once for each row.
         of: Predictor that the adapter is put around; by default that of each shift.
-        fresh: Compute what is there as well.
-        resume: Go on with the same command that was interrupted: your own rows that it has scored are reused.
-        jobs: Processes that compute.
-        out: Folder for tables and figures, OUT/BENCHMARK/, and for one JSON file per computed run. Without it, nothing
-            but runs that had to be computed is written, to results/BENCHMARK/.
-        into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, to put the table into.
-        pack: Put the runs of OUT into OUT/BENCHMARK.jsonl.xz, as they ship.
+        fresh: Compute stored runs again.
+        resume: Resume the same command after an interruption: your own rows that are scored already are reused.
+        jobs: Number of processes.
+        out: Folder for tables and figures, OUT/BENCHMARK/, and for one JSON file per computed run. Without it, only
+            computed runs are written, to results/BENCHMARK/.
+        into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, for the table.
+        pack: Move the runs of OUT into OUT/BENCHMARK.jsonl.xz, the form in which runs ship.
     """
     from motion_gym.benchmarks.reports import pages
 
@@ -66,7 +61,7 @@ def run(
         marked_block.check_markers(into, chosen.name)
     own = predictor or adapter or ":" in benchmark
     arguments = ["run", benchmark, *predictor, "adapters", *adapter, "shifts", *shift, "of", str(of)]
-    session = session_of(folder, arguments, resume) if own else None
+    session = begin(folder, arguments, resume) if own else None
     with progress_bar() as progress:
         results = running.run(
             chosen,
@@ -89,26 +84,8 @@ def run(
         changed = marked_block.insert(into, chosen.name, text)
         say(f"{into}: {'written' if changed else 'already up to date'}")
     if pack:
-        results.kept.pack(out or FOLDER)
+        results.runner.store.pack(out or FOLDER)
     if out is not None:
         for path in pages.write(results, folder):
             say(f"Written: {path}")
-    if own:
-        store.end(folder)
-    _fail_if_missing(results)
-
-
-def _fail_if_missing(results: running.Results) -> None:
-    if results.unwritten:
-        raise StorageError("\n".join(results.unwritten))
-    reasons: dict[str, list[str]] = {}
-    for row, reason in results.missing.items():
-        reasons.setdefault(reason, []).append(row)
-    lines = [
-        f"Not shown: {', '.join(rows[:SHOWN])}{f' and {len(rows) - SHOWN} more' if len(rows) > SHOWN else ''}: {reason}"
-        for reason, rows in reasons.items()
-        if reason != run_jobs.NOT_ASKED
-    ]
-    if lines:
-        more = [f"... and {len(lines) - SHOWN} more messages"] if len(lines) > SHOWN else []
-        raise PredictorError("\n".join([*lines[:SHOWN], *more]))
+    end(folder if own else None, results.runner)

@@ -1,7 +1,8 @@
-"""The verb that scores predictors on domains."""
+"""The command that scores predictors on domains."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -11,13 +12,13 @@ from rich.markup import escape
 from motion_gym import catalog
 from motion_gym.benchmarks import store
 from motion_gym.benchmarks.identity import windows_identity
+from motion_gym.benchmarks.jobs import Job, Runner, score_windows
 from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.benchmarks.reports import score_tables
-from motion_gym.cli.output import Out, console, progress_bar, say, session_of
-from motion_gym.contract import Domain, PredictorError, SpecError
+from motion_gym.cli.output import Out, begin, console, end, progress_bar, reporter, say
+from motion_gym.contract import Domain, SpecError
 from motion_gym.data.domains import spec_of
-from motion_gym.data.storage import StorageError
-from motion_gym.scoring.evaluation import BASELINE, default_k, evaluate
+from motion_gym.scoring.evaluation import BASELINE, default_k
 
 Names = Annotated[list[str], tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR [PREDICTOR ...]")]
 
@@ -35,9 +36,9 @@ def score(
     out: Out = None,
     resume: bool = False,
 ) -> None:
-    """Score predictors on domains, between constant velocity and the domain's oracle if it has one.
+    """Score predictors on domains, beside constant velocity and the domain's oracle.
 
-    Under the honest protocol the domains whose windows need two agents are scored a second time with all agents.
+    Under the honest protocol, domains whose windows need two agents are scored a second time with all agents.
 
     Args:
         predictors: Names, specs (linear:sigma=true) or your own (module:Class).
@@ -46,12 +47,12 @@ def score(
         protocol: honest or paper.
         split: Split to score.
         seed: Seed of samples and fits.
-        references: Reference scenes that predictors with a style are shown; all by default.
-        shots: Scenes of the domain's training split that `transfer` is tuned on, and that those with a style are shown.
-        weights: Weights of those predictors that have some: a name, as spurious, or a .safetensors file.
-        out: Folder for one JSON file per run. A run of shipped predictors and domains that is there is not run again;
-            your own predictors and domains are scored each time, since their code and files cannot be known.
-        resume: Go on with the same command that was interrupted: its runs in OUT are reused, your own included.
+        references: Number of reference scenes that predictors with a style receive; all by default.
+        shots: Number of scenes of the domain's training split that `transfer` and predictors with a style learn from.
+        weights: Weights of the predictors that need weights: a name, as spurious, or a .safetensors file.
+        out: Folder for one JSON file per run. Runs of shipped predictors and domains are reused; your own are
+            scored each time, since changes of their code and files are not noticed.
+        resume: Resume the same command after an interruption: its runs in OUT are reused, your own included.
     """
     if not predictors:
         raise SpecError("No predictor was named: motion-gym score linear --domain eth. See `motion-gym ls`.")
@@ -64,62 +65,46 @@ def score(
     places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
     options = {"protocol": protocol, "split": split, "seed": seed, "references": references, "shots": shots}
     options["k"] = default_k(protocol) if k is None else k
-    session = session_of(out, ["score", *predictors, *domain, str(sorted(options.items()))], resume)
-    _score([(place, _between(predictors, place)) for place in places], store.Store(None, out), session, options)
-    store.end(out)
+    session = begin(out, ["score", *predictors, *domain, str(sorted(options.items()))], resume)
+    runner = Runner(store.Store(None, out))
+    scored: list[store.Run] = []
+    for place in places:
+        with progress_bar() as progress:
+            runner.report = reporter(progress, spec_of(place))
+            rows = runner.rows([_job(name, place, options, session) for name in _between(predictors, place)])
+        runs = [run for runs in rows.values() for run in runs]
+        if runs:
+            console.print(score_tables.domain_table(runs))
+        scored += runs
+    for line in score_tables.conditions(scored) if scored else ():
+        console.print(escape(line), style="dim", highlight=False)
+    end(out, runner)
     if out is not None:
         say(f"Results are in {out}.")
 
 
-def _score(
-    jobs: Sequence[tuple[Domain, Sequence[str]]], kept: store.Store, session: str | None, options: dict[str, Any]
-) -> None:
-    done: list[store.Run] = []
-    failures: dict[str, list[str]] = {}
-    unwritten: dict[str, None] = {}
-    with progress_bar() as progress:
-        task = progress.add_task("", total=sum(len(names) for _, names in jobs))
-        for place, names in jobs:
-            progress.start()  # and stopped while a table is printed: they may share a terminal
-            rows = []
-            for name in names:
-                progress.update(task, description=escape(f"{name} on {spec_of(place)}"))
-                identity = windows_identity(name, place, session=session, **options)
-                try:
-                    kept.get(identity, lambda: evaluate(name, place, **options).as_dict())  # noqa: B023  # called now
-                except (PredictorError, SpecError) as error:
-                    failures.setdefault(f"{name}: {error}", []).append(spec_of(place))
-                except StorageError as error:
-                    unwritten[str(error)] = None
-                rows += [run] if (run := kept.find(identity)) else []
-                progress.advance(task)
-            progress.stop()
-            if rows:
-                console.print(score_tables.domain_table(rows))
-            done += rows
-    for line in score_tables.conditions(done) if done else ():
-        console.print(escape(line), style="dim", highlight=False)
-    if failures:
-        raise PredictorError("\n".join(f"{message} (on {', '.join(on)})" for message, on in failures.items()))
-    if unwritten:
-        raise StorageError("\n".join(unwritten))
+def _job(name: str, place: Domain, options: dict[str, Any], session: str) -> Job:
+    """A predictor on a domain."""
+    spec, identity = spec_of(place), windows_identity(name, place, session=session, **options)
+    compute = functools.partial(score_windows, name, place, options)
+    return Job(f"{name} on {spec}", (spec,), name, spec, [identity], compute)
 
 
 def _variants(place: Domain, protocol: str) -> list[Domain]:
-    """The domain, and under the honest protocol also the one in which agents that are alone count."""
+    """The domain, and under the honest protocol also the domain with windows of single agents."""
     if protocol != "honest" or place.card.parameters.get("min_agents", 1) == 1:
         return [place]
     return [place, place.replace(min_agents=1)]  # type: ignore[attr-defined]
 
 
 def _with_weights(predictors: Sequence[str], weights: str) -> list[str]:
-    """The specs, with weights where the predictor has some; SpecError if none has."""
+    """The specs, with weights for predictors that have weights; SpecError if none has."""
     if not any(map(takes_weights, predictors)):
         raise SpecError(f"`--weights {weights}`: none of {', '.join(predictors)} has weights.")
     return [with_parameters(spec, weights=weights) if takes_weights(spec) else spec for spec in predictors]
 
 
 def _between(predictors: Sequence[str], place: Domain) -> list[str]:
-    """The predictors between constant velocity and the oracle, each once."""
+    """The predictors between constant velocity and the oracle of the domain, each once."""
     oracle = [place.card.oracle] if place.card.oracle else []
     return list(dict.fromkeys([BASELINE, *predictors, *oracle]))

@@ -1,4 +1,4 @@
-"""The verbs that make weights: by training, and from a file of the released program."""
+"""The commands that write weights: by training, and from a file of the released program."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def train(
 ) -> None:
     """Train a predictor for a benchmark, all seeds in one pass.
 
-    Writes OUT/BENCHMARK/PREDICTOR.safetensors, its card, .json, and its last checkpoint, from which --resume goes on
-    with more epochs of the last stage. Score it: motion-gym score PREDICTOR --weights
+    Writes OUT/BENCHMARK/PREDICTOR.safetensors, its card, .json, and its last checkpoint, from which --resume
+    continues with more epochs of the last stage. Score it: motion-gym score PREDICTOR --weights
     OUT/BENCHMARK/PREDICTOR.safetensors --domain ...
 
     Args:
@@ -45,34 +45,34 @@ def train(
         benchmark: What to train for: spurious (test on eth), spurious/hotel, original/hotel, style, ...
         seeds: Seeds, as 0-4 or 0,2,5.
         device: cpu or cuda.
-        resume: Go on from the last checkpoint; without it, one that is there is refused.
+        resume: Resume from the last checkpoint; without this option, an existing checkpoint is an error.
         epochs: Epochs of each stage of the predictor; by default those of the benchmark.
-        every: Epochs from one checkpoint to the next.
+        every: Number of epochs between checkpoints.
         out: Folder for weights and checkpoints.
     """
-    made: Any = catalog.predictor(predictor)
-    if not hasattr(made, "fit") or "checkpoint" not in inspect.signature(made.fit).parameters:
+    instance: Any = catalog.predictor(predictor)
+    if not hasattr(instance, "fit") or "checkpoint" not in inspect.signature(instance.fit).parameters:
         raise SpecError(f"`{predictor}` is not trained in epochs: there is nothing to train. See `motion-gym ls`.")
-    from motion_gym.training import weight_files  # needs torch, as what is trained does
+    from motion_gym.training import weight_files  # imports torch
 
     plan = training_plans.training(benchmark)
-    path = out / benchmark / weight_files.file_name(made.name)
+    path = out / benchmark / weight_files.file_name(instance.name)
     checkpoint = path.with_suffix(".checkpoint")
     numbers = _seeds(seeds)
     check_writable(path.parent)
-    options = {**plan.options_of(made.name), **({"epochs": epochs} if epochs else {})}
+    options = {**plan.options_of(instance.name), **({"epochs": epochs} if epochs else {})}
     with _locked(path.with_suffix(".lock")), progress_bar() as progress:
         for existing in (checkpoint, path):
             if existing.exists() and not resume:
                 raise SpecError(f"{existing} is there already: add --resume to go on, or delete it to start again.")
-        task = progress.add_task(made.name, total=None)
+        task = progress.add_task(instance.name, total=None)
 
         def report(state: Any) -> None:
             score = "" if state.score is None else f", validation ADE {state.score:.3f} m"
             text = f"{state.stage}: loss {state.loss:.3f}{score}"
             progress.update(task, total=state.epochs, completed=state.epoch, description=text)
 
-        made.fit(
+        instance.fit(
             *plan.data(),
             numbers,
             device=device,
@@ -83,8 +83,8 @@ def train(
             names=plan.names(),
             **options,
         )
-        made.save(path)
-    card = made.card
+        instance.save(path)
+    card = instance.card
     scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
     say(f"Written: {path}")
     say(f"{len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} m.")
@@ -95,33 +95,33 @@ def import_weights(
     predictor: str,
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> None:
-    """Turn a weight file of the paper's released program (.pth.tar) into one of ours.
+    """Convert a weight file of the paper's released program (.pth.tar) to .safetensors.
 
-    The file is read safely: one that holds anything but tensors and plain values is refused, not opened.
+    The file is read safely: a file with anything but tensors and plain values is refused.
 
     Args:
         file: The .pth.tar.
-        predictor: What it was trained as: erm, counterfactual or invariant.
-        out: Where the weights go; by default beside the file, ending in .safetensors.
+        predictor: The trained predictor: erm, counterfactual or invariant.
+        out: File of the weights; by default beside FILE, ending in .safetensors.
     """
-    made: Any = catalog.predictor(predictor)
-    if getattr(made, "kind", "") not in RELEASED:
+    instance: Any = catalog.predictor(predictor)
+    if getattr(instance, "kind", "") not in RELEASED:
         raise SpecError(f"`{predictor}` has no weights of the released program: erm, counterfactual or invariant have.")
     target = out if out is not None else file.with_name(file.name.split(".pth")[0] + ".safetensors")
     if target.suffix != ".safetensors":
         raise SpecError(f"`--out {target}` must end in .safetensors.")
     if target.exists():
         raise SpecError(f"{target} is there already: choose another place with --out, or delete it.")
-    made.from_released(file).save(target)
+    instance.from_released(file).save(target)
     say(f"Written: {target} and its card. Score it:")
     say(f"  motion-gym score {predictor} --weights {target} --domain eth:alpha=8 --k 20")
 
 
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock file that names this process, so that no second training writes the same weights meanwhile.
+    """Hold a lock file that names this process, so that no second training writes the same weights.
 
-    The system releases the lock of a process however that ends, so the file of a killed process locks nothing.
+    The system releases the lock when a process ends, so that the lock file of a killed process locks nothing.
 
     Raises:
         SpecError: another process holds the lock.
@@ -147,21 +147,21 @@ def _locked(path: Path) -> Iterator[None]:
             yield
         finally:
             path.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # something was written there
+            with contextlib.suppress(OSError):  # the folder is not empty
                 for folder in new_folders:
                     folder.rmdir()
 
 
 def _seeds(text: str) -> list[int]:
-    """Seeds of ``0-4`` or ``0,2,5``."""
-    found: list[int] = []
+    """Parse ``0-4`` or ``0,2,5``."""
+    numbers: list[int] = []
     for part in text.split(","):
         first, dash, last = part.partition("-")
         if not first.strip().isdecimal() or (dash and not last.strip().isdecimal()):
             raise SpecError(f"`--seeds {text}` cannot be read: write 0-4, or 0,2,5.")
         if int(last or first) - int(first) > MOST_SEEDS:
             raise SpecError(f"`--seeds {text}` names more than {MOST_SEEDS} seeds: train fewer at a time.")
-        found += range(int(first), int(last or first) + 1)
-    if not found or len(set(found)) < len(found):
+        numbers += range(int(first), int(last or first) + 1)
+    if not numbers or len(set(numbers)) < len(numbers):
         raise SpecError(f"`--seeds {text}` must name at least one seed, and each once.")
-    return found
+    return numbers

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import re
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from motion_gym.catalog import suggest
-from motion_gym.contract import DataError, SpecError
+from motion_gym.contract import DataError, MotionGymError, SpecError
 from motion_gym.data.storage import StorageError, data_folder, digest, write_atomic
 
 
@@ -175,18 +176,18 @@ def fetch(name: str, base: str | None = None) -> list[FileState]:
         DataError: A file could not be downloaded, or is not the expected one. Earlier files are kept.
         StorageError: A file could not be written to the data folder; the message names the files that were written.
     """
-    import requests  # takes a quarter of a second, and only downloads need it
-    from urllib3 import Retry
+    import pooch  # takes a quarter of a second, and only downloads need it
 
+    pooch.get_logger().setLevel("WARNING")  # pooch would report the temporary folder below
     missing = {state.file for state in verify(name) if state.state != "ok"}
-    written: list[str] = []
-    with requests.Session() as session:
-        for scheme in ("http://", "https://"):
-            session.mount(scheme, requests.adapters.HTTPAdapter(max_retries=Retry(1)))
-        for file in (file for file in dataset(name).files if file.name in missing):
-            address = f"{base.rstrip('/')}/{file.name}" if base else file.address
-            _write(name, file.name, _download(session, name, file, address), written)
-            written.append(file.name)
+    files = [file for file in dataset(name).files if file.name in missing]
+    address = {file.name: f"{base.rstrip('/')}/{file.name}" if base else file.address for file in files}
+    # Into a temporary folder: pooch writes files that no other user can read, which breaks shared data folders.
+    with tempfile.TemporaryDirectory() as folder:
+        registry = {file.name: f"sha256:{file.sha256}" for file in files}
+        shelf = pooch.create(folder, base_url="", registry=registry, urls=address, retry_if_failed=1)
+        for number, file in enumerate(files):
+            _write(name, file.name, _download(shelf, name, file, address[file.name]), list(registry)[:number])
     return verify(name)
 
 
@@ -244,29 +245,39 @@ def _write(name: str, file: str, content: bytes, before: list[str]) -> None:
         raise failure from error
 
 
-def _download(session: Any, name: str, file: DataFile, address: str) -> bytes:
-    """The content of a file; DataError if it cannot be downloaded or is not the expected one."""
+def _download(shelf: Any, name: str, file: DataFile, address: str) -> bytes:
+    """The content of a file, downloaded by a Pooch that knows its checksum."""
+    import pooch
     import requests
+
+    def download(url: str, path: str, shelf: Any) -> None:
+        pooch.HTTPDownloader(timeout=30)(url, path, shelf)
+        content = _bytes(Path(path))
+        if digest(content) != file.sha256:  # first, so that the message says how the file differs
+            raise DataError(f"{address} is not the expected {file.name}: {_difference(file, content)}. {remedy}")
 
     remedy = (
         f"Instead, get the files elsewhere ({DATASETS[name].source}), then run `motion-gym data add {name} --from DIR`."
     )
     try:
-        answer = session.get(address, timeout=30)
-        answer.raise_for_status()
+        return _bytes(Path(shelf.fetch(file.name, downloader=download)))
     except requests.HTTPError as error:
         status = str(error).partition(" for url")[0]
         raise DataError(f"{file.name} could not be downloaded: {address} answered {status}. {remedy}") from None
     except requests.RequestException as error:
-        # The system's own words ("Connection refused") are the last part of a chain of messages.
+        # The system's own words ("Connection refused") are the last thing in a chain of wrapped messages.
         system = re.search(r"\[Errno -?\d+\] ([\w ,']+)", str(error))
         raise DataError(
             f"{file.name} could not be downloaded: {address}: the network or the server was not reachable "
             f"({system[1] if system else type(error).__name__}). {remedy}"
         ) from None
-    if digest(answer.content) != file.sha256:
-        raise DataError(f"{address} is not the expected {file.name}: {_difference(file, answer.content)}. {remedy}")
-    return answer.content
+    except MotionGymError:
+        raise
+    except OSError as error:
+        raise StorageError(
+            f"{file.name} could not be written to {tempfile.gettempdir()}: {error.strerror or error}. "
+            "Free space there, or set TMPDIR to another folder."
+        ) from None
 
 
 def _difference(file: DataFile, content: bytes) -> str:

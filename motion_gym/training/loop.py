@@ -1,9 +1,9 @@
-"""Training of several seeds in one pass: stages, checkpoints, selection.
+"""Training of several seeds in one pass: stages, checkpoints, model selection.
 
-What is trained is a ``Program``: it gives first weights, losses and validation scores. Every tensor has a leading axis
-M, one model for each seed, and nothing ties the models together, so that a seed's result does not depend on which
-others are trained along (but for the last bits of sums). All randomness of an epoch comes from (seed, epoch) alone: a
-training that was killed and resumed gives what an uninterrupted one gives, bit for bit on a CPU with as many threads.
+A ``Program`` defines the initial weights, losses and validation scores. Every tensor has a leading model axis M, with
+one model per seed. Models are independent: the result of a seed does not depend on the other seeds, except for the
+rounding of sums. All random numbers of an epoch are derived from (seed, epoch). A training that is killed and resumed
+is therefore bit-identical to an uninterrupted one on a CPU with the same number of threads.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -22,9 +21,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.storage import write_atomic
+from motion_gym.specs import one_of, whole_number
 from motion_gym.training.program import Program, Stage, Weights
 
 TRAINING, VALIDATION = 0, 1
@@ -33,15 +32,15 @@ TRAINING, VALIDATION = 0, 1
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a training is, after each epoch.
+    """Progress of a training after an epoch.
 
     Attributes:
-        epoch: Epochs done.
-        epochs: Epochs in all.
+        epoch: Completed epochs.
+        epochs: Total number of epochs.
         stage: Name of the stage.
         loss: Mean loss of the epoch over steps and seeds.
-        score: Mean validation score over seeds; None in stages that do not select.
-        seconds: Since the training began, earlier sessions included.
+        score: Mean validation score over seeds; None in stages without selection.
+        seconds: Training time, including earlier sessions.
     """
 
     epoch: int
@@ -49,25 +48,6 @@ class Progress:
     stage: str
     loss: float
     score: float | None
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Trained:
-    """What came out.
-
-    Attributes:
-        weights: Of the best epoch of each seed, [M, ...], on the CPU; of the last one if no stage selects.
-        score: [M] its validation score; infinite if no stage selects.
-        epoch: [M] when it was.
-        curve: Mean loss over seeds of each epoch, and the validation scores of the seeds where there are some.
-        seconds: Of the whole training.
-    """
-
-    weights: Weights
-    score: list[float]
-    epoch: list[int]
-    curve: list[dict[str, Any]]
     seconds: float
 
 
@@ -80,82 +60,70 @@ def train(
     resume: bool = False,
     every: int = 10,
     report: Callable[[Progress], None] = lambda progress: None,
-) -> Trained:
+) -> Run:
     """Train all seeds in one pass.
 
     Args:
-        program: What to train; it works on ``device``.
+        program: The training program, with its tensors on ``device``.
         seeds: Seed of each model.
-        device: Where the tensors are.
-        checkpoint: File of the checkpoints; None for none.
-        resume: Go on from the checkpoint if there is one.
-        every: Epochs from one checkpoint to the next.
+        device: Device of the tensors.
+        checkpoint: File for checkpoints; None for none.
+        resume: Continue from the checkpoint if it exists.
+        every: Epochs between checkpoints.
         report: Called after each epoch.
 
     Raises:
-        SpecError: the checkpoint is of another configuration, or cannot be read.
-        PredictorError: a loss or a validation score is not finite; the last checkpoint stays.
+        SpecError: the checkpoint has another configuration, or cannot be read.
+        PredictorError: a loss or a validation score is not finite; the last checkpoint is kept.
         StorageError: a checkpoint could not be written.
     """
     every = whole_number("every", every, 1, 1_000_000)
-    run = _Run(program, list(seeds), torch.device(device))
+    run = Run(program, list(seeds), torch.device(device))
     if resume and checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
-    last = sum(stage.epochs for stage in program.stages)
-    if run.epoch > last:
+    if run.epoch > run.epochs:
         raise SpecError(
-            f"{checkpoint} has {run.epoch} epochs, more than the {last} asked for: ask for as many or more."
+            f"{checkpoint} has {run.epoch} epochs, more than the {run.epochs} asked for: ask for as many or more."
         )
-    with no_denormals():
-        while run.epoch < last:
-            report(run.step())
-            if checkpoint is not None and (run.epoch % every == 0 or run.epoch == last):
-                run.save(checkpoint)
-    selected = run.best if any(stage.selects for stage in program.stages) else run.weights
-    best = {name: value.detach().cpu() for name, value in selected.items()}
-    return Trained(best, run.score.tolist(), run.score_epoch.tolist(), run.curve, run.seconds)
-
-
-def score(
-    program: Program, weights: Weights, trained: Trained, seeds: Sequence[int], device: torch.device | str = "cpu"
-) -> list[float]:
-    """Validation scores of other weights of the same models, as rounded ones, with the draws of their best epochs."""
-    generators = [
-        _generator(seed, epoch - 1, VALIDATION, torch.device(device))
-        for seed, epoch in zip(seeds, trained.epoch, strict=True)
-    ]
-    with torch.no_grad():
-        return program.validate({k: v.to(device) for k, v in weights.items()}, generators).tolist()
-
-
-@contextmanager
-def no_denormals() -> Iterator[None]:
-    """Let numbers under 1e-38 be zero in this thread: gradients come to hold many, and CPUs are slow with them."""
-    torch.set_flush_denormal(True)
+    torch.set_flush_denormal(True)  # gradients contain many denormal numbers, which are slow on CPUs
     try:
-        yield
+        while run.epoch < run.epochs:
+            report(run.step())
+            if checkpoint is not None and (run.epoch % every == 0 or run.epoch == run.epochs):
+                run.save(checkpoint)
     finally:
         torch.set_flush_denormal(False)
+    return run
 
 
 def device_named(name: str) -> torch.device:
-    """``cpu`` or ``cuda``, if it is there.
+    """The device ``cpu`` or ``cuda``.
 
     Raises:
-        SpecError: it is not.
+        SpecError: the name is unknown, or there is no CUDA device.
     """
-    if name not in ("cpu", "cuda"):
-        raise SpecError(f"`--device {name}` is not known: cpu or cuda.")
-    if name == "cuda" and not torch.cuda.is_available():
+    if one_of("device", name, ("cpu", "cuda")) == "cuda" and not torch.cuda.is_available():
         raise SpecError("`--device cuda`: PyTorch finds no CUDA device on this machine. Use --device cpu.")
     return torch.device(name)
 
 
-class _Run:
-    """A training under way: everything that a checkpoint holds."""
+class Run:
+    """One training run. A checkpoint holds all of its state.
+
+    Attributes:
+        weights: Current weights, [M, ...].
+        best: Weights of the best epoch of each seed, [M, ...].
+        best_score: [M] validation scores of ``best``; infinite before the first selection.
+        best_epoch: [M] epochs of ``best``, from 1.
+        state: State of the objective.
+        epoch: Completed epochs.
+        seconds: Training time, including earlier sessions.
+        curve: For each epoch its number, stage, mean loss over seeds, and the validation scores of the seeds if any.
+    """
 
     def __init__(self, program: Program, seeds: list[int], device: torch.device):
         self.program, self.seeds, self.device = program, seeds, device
+        self.epochs = sum(stage.epochs for stage in program.stages)
         rates = [dict(stage.rates) for stage in program.stages]
         config = {**program.config, "seeds": seeds, "rates": rates, "device": self.device.type}
         if any(stage.decays for stage in program.stages):
@@ -164,32 +132,39 @@ class _Run:
         self.weights = {k: v.to(device).requires_grad_() for k, v in program.initial(seeds).items()}
         self.state = program.state(len(seeds))
         self.best = {name: value.detach().clone() for name, value in self.weights.items()}
-        self.score = torch.full((len(seeds),), torch.inf)
-        self.score_epoch = torch.zeros(len(seeds), dtype=torch.int64)
+        self.best_score = torch.full((len(seeds),), torch.inf)
+        self.best_epoch = torch.zeros(len(seeds), dtype=torch.int64)
         self.epoch, self.seconds = 0, 0.0
         self.curve: list[dict[str, Any]] = []
-        # Together go those that have the same rate in every stage.
+        # Weights with the same rate in every stage share a group of the optimiser.
         self.groups: dict[tuple[float, ...], list[str]] = {}
         for name in self.weights:
             self.groups.setdefault(tuple(_rate(stage, name) for stage in program.stages), []).append(name)
         groups = [{"params": [self.weights[name] for name in names]} for names in self.groups.values()]
         self.adam = torch.optim.Adam(groups, lr=0.0, fused=True)
 
-    def stage(self) -> int:
-        """Index of the stage of the current epoch."""
-        ends = np.cumsum([stage.epochs for stage in self.program.stages])
-        return int(np.searchsorted(ends, self.epoch, side="right"))
+    @property
+    def selected(self) -> Weights:
+        """Weights of the best epoch of each seed, on the CPU; the last weights if no stage selects."""
+        weights = self.best if any(stage.selects for stage in self.program.stages) else self.weights
+        return {name: value.detach().cpu() for name, value in weights.items()}
 
-    def generators(self, purpose: int) -> list[torch.Generator]:
-        """A generator for each seed, for this epoch and purpose."""
-        return [_generator(seed, self.epoch, purpose, self.device) for seed in self.seeds]
+    def scores_of(self, weights: Weights) -> list[float]:
+        """Validation scores of other weights, such as rounded ones, with the random numbers of the best epochs."""
+        generators = [
+            _generator(seed, epoch - 1, VALIDATION, self.device)
+            for seed, epoch in zip(self.seeds, self.best_epoch.tolist(), strict=True)
+        ]
+        with torch.no_grad():
+            return self.program.validate({k: v.to(self.device) for k, v in weights.items()}, generators).tolist()
 
     def step(self) -> Progress:
-        """One epoch."""
-        began = time.perf_counter()
-        index = self.stage()
+        """Train for one epoch."""
+        start = time.perf_counter()
+        ends = np.cumsum([stage.epochs for stage in self.program.stages])
+        index = int(np.searchsorted(ends, self.epoch, side="right"))
         stage = self.program.stages[index]
-        done = self.epoch - sum(s.epochs for s in self.program.stages[:index])
+        done = self.epoch - int(ends[index] - stage.epochs)
         if not done:
             self.state = self.program.state(len(self.seeds))
         decay = (1 + math.cos(math.pi * done / stage.epochs)) / 2 if stage.decays else 1.0
@@ -198,58 +173,59 @@ class _Run:
             for value in group["params"]:
                 value.requires_grad_(group["lr"] > 0)
         losses = []
-        for loss in self.program.losses(self.weights, self.state, index, self.generators(TRAINING), self.epoch):
+        for loss in self.program.losses(self.weights, self.state, index, self._generators(TRAINING), self.epoch):
             self.adam.zero_grad()
             loss.sum().backward()
             self.adam.step()
             losses.append(loss.detach())
         table = torch.stack(losses).cpu()
-        self._check(table, stage)
+        self._check_finite(table, stage)
         for name, value in self.weights.items():
             finite = torch.isfinite(value.detach()).flatten(1).all(dim=1).cpu()
-            self._check(torch.where(finite, 0.0, torch.nan)[None], stage, f"weight {name}")
+            self._check_finite(torch.where(finite, 0.0, torch.nan)[None], stage, f"weight {name}")
         entry: dict[str, Any] = {"epoch": self.epoch + 1, "stage": stage.name, "loss": float(table.mean())}
         score = None
         if stage.selects:
             with torch.no_grad():
-                scores = self.program.validate(self.weights, self.generators(VALIDATION)).cpu()
-            self._check(scores[None], stage, "validation score")
-            better = scores < self.score
-            self.score[better] = scores[better]
-            self.score_epoch[better] = self.epoch + 1
-            where = better.to(self.device)
+                scores = self.program.validate(self.weights, self._generators(VALIDATION)).cpu()
+            self._check_finite(scores[None], stage, "validation score")
+            better = scores < self.best_score
+            self.best_score[better] = scores[better]
+            self.best_epoch[better] = self.epoch + 1
             for name, value in self.weights.items():
-                self.best[name][where] = value.detach()[where]
+                self.best[name][better.to(self.device)] = value.detach()[better.to(self.device)]
             score = float(scores.mean())
             entry["score"] = [round(float(s), 4) for s in scores]
         self.curve.append(entry)
         self.epoch += 1
-        self.seconds += time.perf_counter() - began
-        return Progress(
-            self.epoch, sum(s.epochs for s in self.program.stages), stage.name, entry["loss"], score, self.seconds
-        )
+        self.seconds += time.perf_counter() - start
+        return Progress(self.epoch, self.epochs, stage.name, entry["loss"], score, self.seconds)
 
-    def _check(self, losses: Tensor, stage: Stage, what: str = "loss") -> None:
-        """Raise PredictorError if a number of some step and seed is not finite."""
-        bad = (~torch.isfinite(losses)).nonzero()
+    def _generators(self, purpose: int) -> list[torch.Generator]:
+        """A generator for each seed, for this epoch and purpose."""
+        return [_generator(seed, self.epoch, purpose, self.device) for seed in self.seeds]
+
+    def _check_finite(self, values: Tensor, stage: Stage, name: str = "loss") -> None:
+        """Raise PredictorError if a value [steps, M] is not finite."""
+        bad = (~torch.isfinite(values)).nonzero()
         if len(bad):
             step, model = bad[0].tolist()
             raise PredictorError(
-                f"The {what} of seed {self.seeds[model]} is {losses[step, model].item()} in epoch {self.epoch + 1} "
+                f"The {name} of seed {self.seeds[model]} is {values[step, model].item()} in epoch {self.epoch + 1} "
                 f"({stage.name}), step {step + 1}: training stopped, and the last checkpoint is kept. Lower the "
                 "penalty or the learning rate, or look for values that are not finite in the data."
             )
 
     def save(self, path: Path) -> None:
-        """Write everything, whole or not at all."""
+        """Write a checkpoint, completely or not at all."""
         content = {
             "config": json.dumps(self.config, sort_keys=True),
             "weights": {name: value.detach().cpu() for name, value in self.weights.items()},
             "best": {name: value.cpu() for name, value in self.best.items()},
             "adam": self.adam.state_dict(),
             "state": self.state.cpu(),
-            "score": self.score,
-            "score_epoch": self.score_epoch,
+            "score": self.best_score,
+            "score_epoch": self.best_epoch,
             "epoch": self.epoch,
             "seconds": self.seconds,
             "curve": self.curve,
@@ -259,32 +235,32 @@ class _Run:
         write_atomic(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         damaged = f"{path} is no checkpoint, or is damaged. Delete it, and start again without --resume."
         try:
             content = torch.load(path, map_location="cpu", weights_only=True)
             config = dict(json.loads(content["config"]))
-        except Exception:  # of the library's own types; its text tells how to open the file unsafely
+        except Exception:  # torch raises its own types; its message explains how to open the file unsafely
             raise SpecError(damaged) from None
         if config != self.config:
             keys = sorted(k for k in {*config, *self.config} if config.get(k) != self.config.get(k))
-            told = "; ".join(f"{k}: {_short(config.get(k))}, now {_short(self.config.get(k))}" for k in keys)
+            changes = "; ".join(f"{k}: {_short(config.get(k))}, now {_short(self.config.get(k))}" for k in keys)
             raise SpecError(
-                f"{path} is the checkpoint of another configuration ({told}). Train as before, choose another folder, "
-                "or start again without --resume."
+                f"{path} is the checkpoint of another configuration ({changes}). Train as before, choose another "
+                "folder, or start again without --resume."
             )
         try:
-            self._take(content)
+            self._restore(content)
         except Exception:
             raise SpecError(damaged) from None
 
-    def _take(self, content: dict[str, Any]) -> None:
-        """Take the content of a checkpoint; whatever is raised means that it is damaged."""
+    def _restore(self, content: dict[str, Any]) -> None:
+        """Use the content of a checkpoint; any exception means that the content is damaged."""
         for name, value in self.weights.items():
-            for kept in (content["weights"][name], content["best"][name]):
-                if kept.shape != value.shape or not torch.isfinite(kept).all():
+            for stored in (content["weights"][name], content["best"][name]):
+                if stored.shape != value.shape or not torch.isfinite(stored).all():
                     raise ValueError(name)
-        if content["score"].shape != self.score.shape or content["score"].isnan().any() or content["epoch"] < 1:
+        if content["score"].shape != self.best_score.shape or content["score"].isnan().any() or content["epoch"] < 1:
             raise ValueError("score")
         with torch.no_grad():
             for name, value in self.weights.items():
@@ -292,7 +268,7 @@ class _Run:
         self.best = {name: content["best"][name].to(self.device) for name in self.weights}
         self.adam.load_state_dict(content["adam"])
         self.state = content["state"].to(self.device)
-        self.score, self.score_epoch = content["score"].cpu(), content["score_epoch"].cpu()
+        self.best_score, self.best_epoch = content["score"].cpu(), content["score_epoch"].cpu()
         self.epoch, self.seconds, self.curve = content["epoch"], content["seconds"], content["curve"]
 
 

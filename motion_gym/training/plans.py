@@ -1,9 +1,10 @@
-"""What is trained for the benchmarks, among which domains and for how long."""
+"""Training plans of the benchmarks: domains, epochs and options."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
@@ -11,6 +12,8 @@ from motion_gym.contract import SpecError
 from motion_gym.data.domains import TrainingSet, spec_of, training_set
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
+WEIGHTS = Path(__file__).parent.parent / "weights"
+"""Folder of the weights that come with the package: a folder for each training, a file for each of its rows."""
 
 
 @dataclass(frozen=True)
@@ -18,10 +21,10 @@ class Training:
     """How the predictors of a benchmark are trained.
 
     Attributes:
-        domain: The domain they are tested on; they are trained on its sources.
+        domain: The test domain; predictors are trained on its sources.
         sources: Options of the domain's ``sources``.
-        options: Of ``fit``, for all predictors.
-        further: Of ``fit``, for some, by name.
+        options: Options of ``fit`` for all predictors.
+        further: Further options of ``fit``, by the name of a predictor.
     """
 
     domain: str
@@ -44,17 +47,17 @@ class Training:
 
 
 def trainings() -> dict[str, Training]:
-    """Every training by the name of its weights.
+    """All trainings, by the name of their weights.
 
-    The released program trains for 150, 100 and 150 epochs (300, 200 and 300 on the original data). Here it is less, so
-    that all rows with five seeds each can be trained on two cores; ``--epochs`` sets others. Every step holds scenes of
-    all environments, for all rows.
+    The released program trains for 150, 100 and 150 epochs (300, 200 and 300 on the original data). These plans have
+    fewer, so that all rows can be trained with five seeds each on two cores; ``--epochs`` sets other numbers. Every
+    step holds scenes of all environments, for all rows.
     """
     joint = {"epochs": (40, 30, 30), "joint": True}
     plans = {"spurious": Training("eth:alpha=1", options=joint)}
     plans |= {f"spurious/{place}": Training(f"{place}:alpha=1", options=joint) for place in PLACES[1:]}
     plans["spurious/past"] = Training("eth:alpha=1,sigma=past", options=joint)
-    # Every place comes with every alpha, so that an epoch is four times as long.
+    # Every place occurs with every alpha, so an epoch is four times as long.
     crossed = {**joint, "epochs": (10, 8, 10)}
     plans["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
     plans["style"] = Training("orca:d=0.4")
@@ -62,7 +65,7 @@ def trainings() -> dict[str, Training]:
     plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})
     plans["style/blind"] = Training("orca:d=0.4,radius=7")
     plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
-    # For streams: trained where nothing is streamed, and oracles, who know what is to come.
+    # For streams: weights of other domains than the streamed ones, and oracles of the streamed ones.
     plans["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
     plans |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}
     plans["online/orca"] = Training("orca:d=0.4", {"styles": (0.3, 0.6)})
@@ -70,10 +73,10 @@ def trainings() -> dict[str, Training]:
 
 
 def training(name: str) -> Training:
-    """One training.
+    """The training with this name.
 
     Raises:
-        SpecError: there is none of that name.
+        SpecError: the name is unknown.
     """
     known = trainings()
     if name not in known:

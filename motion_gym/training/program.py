@@ -1,4 +1,4 @@
-"""What is trained: a program with its stages, and the sets of windows that it is trained on."""
+"""Training programs and their stages, and checks of training sets."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import PredictorError, SpecError, Truth
+from motion_gym.data.windows import digest
 from motion_gym.specs import whole_number
 
 Weights = dict[str, Tensor]
@@ -21,13 +22,13 @@ class Stage:
     """One stage of a training.
 
     Attributes:
-        name: For the progress bar and the card.
+        name: Name for the progress bar and the card.
         epochs: Number of epochs.
-        rates: Learning rate of Adam by a weight's name or the first part of it; ``""`` for the rest. Weights without a
-            rate stay as they are.
-        selects: Whether validation scores of this stage decide which weights are kept.
-        decays: Whether the learning rates fall from epoch to epoch, along a half cosine towards 0; the number of epochs
-            is then part of the configuration.
+        rates: Learning rates of Adam, by the name of a weight or its first part; ``""`` for the rest. Weights without a
+            rate are frozen.
+        selects: Whether the validation scores of this stage select the weights.
+        decays: Whether the learning rates decay to 0 along a half cosine; the number of epochs is then part of the
+            configuration.
     """
 
     name: str
@@ -38,33 +39,33 @@ class Stage:
 
 
 class Program:
-    """What is to be trained; a subclass sets the attributes and gives first weights, losses and validation scores.
+    """A training program; a subclass sets the attributes and defines initial weights, losses and validation scores.
 
     Attributes:
-        stages: Stages, one after another.
-        config: Everything that the result depends on, in JSON types; a checkpoint of another configuration is refused.
+        stages: The stages in order.
+        config: All settings that the result depends on, in JSON types; must match that of a resumed checkpoint.
     """
 
     stages: list[Stage]
     config: dict[str, Any]
 
     def first(self, seed: int) -> Weights:
-        """First weights of one model, [1, ...]."""
+        """Initial weights of one model, [1, ...]."""
         raise NotImplementedError
 
     def initial(self, seeds: Sequence[int]) -> Weights:
-        """First weights [M, ...] of all models."""
+        """Initial weights [M, ...] of all models."""
         models = [self.first(seed) for seed in seeds]
         return {name: torch.cat([weights[name] for weights in models]) for name in models[0]}
 
     def state(self, models: int) -> Tensor:
-        """State of the objective at the beginning of a stage; empty here."""
+        """Initial state of the objective in each stage. The base class has none."""
         return torch.zeros(0)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
     ) -> Iterator[Tensor]:
-        """Losses [M] of the steps of an epoch, one after the other; weights change in between."""
+        """Losses [M] of the steps of an epoch, one after the other; the weights change between steps."""
         raise NotImplementedError
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
@@ -72,15 +73,20 @@ class Program:
         raise NotImplementedError
 
     def finished(self, weights: Weights) -> Weights:
-        """The trained weights, on the CPU, with what the predictor needs besides."""
+        """The weights to save, on the CPU. The base class returns the trained weights."""
         return weights
+
+
+def digests(train: Sequence[Truth], validation: Sequence[Truth]) -> dict[str, Any]:
+    """Digests of both sets, for the configuration of a program."""
+    return {"train": [digest(truth) for truth in train], "validation": [digest(truth) for truth in validation]}
 
 
 def check_epochs(name: str, epochs: Any, stages: int) -> tuple[int, ...]:
     """The epochs of each stage of a predictor.
 
     Raises:
-        SpecError: they are not one whole number for each stage, or the last stage has none.
+        SpecError: there is not one whole number for each stage, or the last stage has no epochs.
     """
     listed = epochs if isinstance(epochs, Iterable) else ()
     counts = tuple(whole_number("epochs", count, 0, 1_000_000) for count in listed)
@@ -93,7 +99,7 @@ def check_epochs(name: str, epochs: Any, stages: int) -> tuple[int, ...]:
 
 
 def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
-    """Raise PredictorError unless both sets hold the same number of environments, and complete windows of each."""
+    """Raise PredictorError unless both sets have the same number of environments, and these have complete windows."""
     if isinstance(train, Truth) or isinstance(validation, Truth):
         raise PredictorError(
             "Training and validation sets are sequences of Truth, one for each environment: give [truth]."
@@ -104,15 +110,15 @@ def check_complete(train: Sequence[Truth], validation: Sequence[Truth]) -> None:
             "least one, and the same ones for both."
         )
     for name, truths in (("training", train), ("validation", validation)):
-        for place, truth in enumerate(truths):
+        for number, truth in enumerate(truths):
             if not len(truth.future):
-                raise PredictorError(f"Environment {place} of the {name} set is empty: it needs at least one window.")
+                raise PredictorError(f"Environment {number} of the {name} set is empty: it needs at least one window.")
             if not math.isclose(truth.observation.dt, train[0].observation.dt, rel_tol=1e-3):
                 raise PredictorError(
-                    f"Environment {place} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
+                    f"Environment {number} of the {name} set has steps of {truth.observation.dt:.3g} s, the first of "
                     f"the training set {train[0].observation.dt:.3g} s: resample them."
                 )
             if not truth.known.all():
                 raise PredictorError(
-                    f"Environment {place} of the {name} set has future steps that are not known: give complete windows."
+                    f"Environment {number} of the {name} set has unknown future steps: give complete windows."
                 )

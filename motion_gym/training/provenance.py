@@ -1,4 +1,4 @@
-"""Where a number comes from: the commit of the checkout and the versions of the libraries."""
+"""Provenance of results: the commit of the checkout and the versions of the libraries."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import subprocess
 from pathlib import Path
 
 PACKAGES = ("motion-gym", "numpy", "gymnasium", "pettingzoo", "torch", "numba")
-"""Packages that a number may depend on."""
+"""Packages that results may depend on."""
 
 
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of ``PACKAGES``."""
-    result = {"python": platform.python_version()}
+    installed = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            result[package] = importlib.metadata.version(package)
+            installed[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
-            result[package] = "not installed"
-    return result
+            installed[package] = "not installed"
+    return installed
 
 
 @functools.cache
 def commit() -> str | None:
-    """Commit of the checkout that motion-gym runs from, ``+`` appended if a file has changed; None elsewhere."""
+    """Commit of the motion-gym checkout, with ``+`` appended if a file has changed; None outside a checkout."""
     root = Path(__file__).resolve().parent.parent.parent
 
     def git(*arguments: str) -> str:

@@ -1,13 +1,11 @@
-"""Weights on disk: a safetensors file with all seeds and a JSON card beside it; those that ship are found by name."""
+"""Weights on disk: a safetensors file with the weights of all seeds, and a JSON card. Shipped weights have names."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -15,20 +13,21 @@ from safetensors.torch import load as load_safetensors
 from safetensors.torch import save as save_safetensors
 from torch import Tensor
 
-from motion_gym.catalog import suggest
 from motion_gym.contract import PredictorError
-from motion_gym.data.storage import StorageError, atomic_file, write_atomic
+from motion_gym.data.storage import StorageError, atomic_file, digest, write_atomic
+from motion_gym.specs import suggest
+from motion_gym.training.plans import WEIGHTS
 
-SHIPPED = Path(__file__).parent.parent / "weights"
+SHIPPED = WEIGHTS
 """Folder of the weights that come with the package: a folder for each benchmark, a file for each of its rows."""
 
 
 def locate(weights: str, row: str) -> Path:
-    """File of weights that were asked for by name or by path.
+    """File of weights, by name or path.
 
     Args:
-        weights: Path of a ``.safetensors`` file, or name of a benchmark whose weights are shipped (``spurious``).
-        row: Predictor with its settings, as ``invariant:penalty=1``.
+        weights: Path of a ``.safetensors`` file, or name of a benchmark with shipped weights (``spurious``).
+        row: Predictor with its settings, such as ``invariant:penalty=1``.
 
     Raises:
         PredictorError: there is no such file.
@@ -55,12 +54,12 @@ def locate(weights: str, row: str) -> Path:
 
 
 def file_name(row: str) -> str:
-    """How the file of a predictor with its settings is called."""
+    """File name of the weights of a predictor with its settings."""
     return f"{row.replace(':', '-', 1)}.safetensors"
 
 
 def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Tensors, as float32, and card.
+    """The tensors, as float32, and the card.
 
     Raises:
         PredictorError: a file is missing or damaged.
@@ -73,10 +72,10 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         raise PredictorError(f"{reason} {error.filename}: weights are a .safetensors and a .json.") from None
     try:
         tensors = {name: value.float() for name, value in load_safetensors(content).items()}
-    except Exception as error:  # a damaged archive raises types of the library's own
+    except Exception as error:  # safetensors raises its own types
         raise PredictorError(f"{path} cannot be read, it is damaged or no safetensors file: {error}.") from None
     card = _checked_card(path.with_suffix(".json"), text)
-    if card.get("sha256") != hashlib.sha256(content).hexdigest():
+    if card.get("sha256") != digest(content):
         raise PredictorError(f"{path} and its card, .json, do not belong together: copy or train both again.")
     return tensors, card
 
@@ -87,10 +86,10 @@ def _checked_card(path: Path, text: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise PredictorError(f"{path} cannot be read, it is damaged or no JSON file: {error}.") from None
     if not isinstance(card, dict):
-        raise PredictorError(f"{path} is no card of weights: it must hold a JSON object.")
-    seeds, names = card.get("seeds"), card.get("trained_on", [])
-    whole = isinstance(seeds, list) and all(isinstance(seed, int) for seed in seeds) and len(set(seeds)) == len(seeds)
-    if seeds is not None and not whole:
+        raise PredictorError(f"{path} is not a card of weights: it must hold a JSON object.")
+    seeds, names = card.get("seeds", []), card.get("trained_on", [])
+    integers = isinstance(seeds, list) and all(isinstance(seed, int) for seed in seeds)
+    if not integers or len(set(seeds)) < len(seeds):
         raise PredictorError(f"{path}: `seeds` is {seeds!r}, and must be a list of different whole numbers.")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise PredictorError(f"{path}: `trained_on` is {names!r}, and must be a list of names.")
@@ -101,47 +100,41 @@ def _checked_card(path: Path, text: bytes) -> dict[str, Any]:
 
 
 def write(path: Path, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) -> None:
-    """Write both files; tensors whose values half precision holds exactly are stored so.
+    """Write both files. Tensors whose values are exact in half precision are stored in half precision.
 
     Raises:
-        StorageError: a file could not be written; neither is then half written.
+        StorageError: a file could not be written; the existing files are unchanged.
     """
+    if path.suffix == ".json":
+        raise StorageError(f"{path} is where the card goes: let the weights end in .safetensors. Nothing was written.")
     stored = {
         name: value.half() if bool((value.half().float() == value).all()) else value for name, value in tensors.items()
     }
-    if path.suffix == ".json":
-        raise StorageError(f"{path} is where the card goes: let the weights end in .safetensors. Nothing was written.")
     content = save_safetensors({name: value.contiguous() for name, value in stored.items()})
     try:
-        text = json.dumps({**card, "sha256": hashlib.sha256(content).hexdigest()}, indent=1, allow_nan=False)
+        text = json.dumps({**card, "sha256": digest(content)}, indent=1, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise StorageError(f"The card of {path} cannot be written as JSON: {error}. Nothing was written.") from None
-    # Whoever cannot write the card has not replaced the weights.
+    # The weights are replaced only after the card is written.
     with atomic_file(path) as file:
         file.write(content)
         write_atomic(path.with_suffix(".json"), f"{text}\n".encode())
 
 
-def check_shapes(
-    tensors: Mapping[str, Tensor],
-    expected: dict[str, tuple[int, ...]],
-    source: str,
-    hints: Mapping[str, str] = MappingProxyType({}),
-) -> None:
-    """Raise PredictorError unless tensors are finite and of the expected names and shapes, behind the axis of models.
+def check_shapes(tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]], source: str) -> None:
+    """Raise PredictorError unless tensors are finite and have the expected names and shapes.
 
     Args:
-        tensors: Mapping[str, Tensor] [M, ...].
-        expected: Shape of each, without M.
-        source: Whose they are, for messages.
-        hints: What it means if a weight has another shape.
+        tensors: Weights [M, ...] of M models.
+        expected: Shape of each weight, without the model axis.
+        source: Origin of the weights, for messages.
     """
     shapes = {key: tuple(value.shape[1:]) for key, value in tensors.items() if value.ndim}
     if shapes.keys() != expected.keys():
         lacking, unknown = sorted(expected.keys() - shapes.keys()), sorted(shapes.keys() - expected.keys())
         raise PredictorError(
             f"{source} has the weights of another model: it lacks {lacking or 'nothing'}, and has "
-            f"{unknown or 'nothing'} besides."
+            f"{unknown or 'nothing'} in addition."
         )
     models = {len(value) for value in tensors.values()}
     if len(models) != 1 or 0 in models:
@@ -150,6 +143,9 @@ def check_shapes(
         )
     for key, shape in expected.items():
         if shapes[key] != shape:
-            raise PredictorError(f"{source}: {key} has shape {shapes[key]}, expected {shape}.{hints.get(key, '')}")
+            raise PredictorError(
+                f"{source}: {key} has shape {shapes[key]}, expected {shape}: these are weights for other inputs, such "
+                "as with or without sigma."
+            )
         if not torch.isfinite(tensors[key]).all():
             raise PredictorError(f"{source}: {key} has values that are not finite: the weights are damaged.")

@@ -1,4 +1,4 @@
-"""What adapters share: a style that is read from the last scenes, scenes told before, updates that can be undone."""
+"""Base class of adapters: reading the style, recognising scenes, and undoing updates."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import copy
 import itertools
 from collections import OrderedDict, deque
 from dataclasses import InitVar, dataclass, field
-from pathlib import Path
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,81 +17,82 @@ from motion_gym.predictors.settings import setting, whole
 from motion_gym.stepping.harness import name_of
 
 KEPT = 32
-"""Scenes that are remembered where it matters whether they were told before; more than the steps of a future."""
+"""Number of recent scenes to remember, to recognise scenes that are revealed again. More than the future steps."""
 MEMORY = 16
-"""Scenes that a style is read from."""
+"""Default number of scenes to read a style from."""
 SceneKey = tuple[Any, bytes]
 
 
 @runtime_checkable
 class Styled(Protocol):
-    """A predictor whose style is a sum over the scenes that it has observed.
+    """A predictor whose style is a sum over the observed scenes.
 
     Attributes:
         observed: The sum.
-        scenes: Number of these scenes.
+        scenes: Number of scenes in the sum.
     """
 
     observed: np.ndarray
     scenes: int
 
     def observe(self, truth: Truth) -> None:
-        """Add scenes."""
+        """Add scenes to the sum."""
 
     def reset(self) -> None:
-        """Go back to no scene."""
+        """Set the sum to zero scenes."""
 
 
 @dataclass(eq=False, repr=False)
 class Adapter(Around):
-    """A predictor around a copy of another one that learns from revealed truth.
+    """A predictor that wraps a copy of another predictor and learns from revealed ground truth.
 
-    ``predict`` is that of the copy. ``observe`` reads the style from the last scenes, if the predictor has one, and
-    then learns, as a subclass says in ``learn``. An update whose result is not finite is taken back. Scenes of a number
-    of agents that the predictor cannot take, as parts of a scene, are passed over.
+    ``predict`` calls the copy. ``observe`` reads the style from recent scenes, if the predictor has a style, then calls
+    ``learn``, which subclasses define. An update with a result that is not finite is rolled back. If the predictor
+    takes a fixed number of agents, scenes with another number of agents are skipped.
 
     Args:
         of: See ``Around``.
         weights: See ``Around``.
         seed: See ``Around``.
-        memory: Whole scenes, the last ones, that a style is read from; 0 for never.
+        memory: Number of recent, fully known scenes to read the style from; 0 disables the style.
     """
 
     memory: int = field(default=MEMORY, kw_only=True, metadata={"check": whole(0, 100_000)})
 
-    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
-        super().__post_init__(of, weights, seed)
+    def _prepare(self) -> None:
         if hasattr(self.inner, "fingerprint"):
-            self.inner.fingerprint  # noqa: B018  # loads the weights, or says that there are none
+            self.inner.fingerprint  # noqa: B018  # loads the weights, or raises if there are none
         if "curve" in getattr(self.inner, "card", {}):
             # The training curve is long, and would be copied with each agent, update and checkpoint.
             self.inner.card = {key: value for key, value in self.inner.card.items() if key != "curve"}
         if hasattr(self.inner, "reset"):
             self.inner.reset()
-        self._begun = copy.deepcopy(self.inner)
+        self.source = copy.deepcopy(self.inner)
+        """The wrapped predictor before any update."""
         self._start()
 
     def _start(self) -> None:
+        """Set the state before the first update."""
         self.updates = 0
-        """Times that it has learned."""
+        """Number of updates, including those that were rolled back."""
         self.rolled_back = 0
-        """Updates that were taken back."""
-        self.shown: deque[Any] = deque(maxlen=self.memory)
-        """What each of the whole scenes that the style is read from adds to it."""
+        """Number of updates that were rolled back."""
+        self.styles: deque[Any] = deque(maxlen=self.memory)
+        """What each recent scene adds to the style: (sum, number of scenes)."""
 
     def reset(self) -> None:
-        """Forget everything that was learned: weights, states and counts are those of the start, bit by bit."""
-        self.inner = copy.deepcopy(self._begun)
+        """Restore the initial weights, state and counts, bit by bit."""
+        self.inner = copy.deepcopy(self.source)
         self._start()
 
     def observe(self, truth: Truth) -> None:
-        """Learn from revealed truth.
+        """Learn from revealed ground truth.
 
         Args:
-            truth: What became known, with the observations that it answers; agents may be known in part.
+            truth: The revealed ground truth with its observations; agents may be partly known.
 
         Raises:
-            DataError: it is no proper Truth.
+            DataError: the ground truth is not valid.
         """
         check_truth(truth, "The observed truth")
         agents = getattr(self.inner, "agents_per_scene", None)
@@ -105,21 +105,21 @@ class Adapter(Around):
         self.learn(truth)
 
     def learn(self, truth: Truth) -> None:
-        """Learn from truth that was checked; here, nothing more than the style."""
+        """Learn from checked ground truth. The base class learns nothing."""
 
     def _read_style(self, truth: Truth) -> None:
         scenes = whole_scenes(truth)
         for scene in scenes:
             self.inner.reset()
             self.inner.observe(pick_scenes(truth, [scene]))
-            self.shown.append((self.inner.observed, self.inner.scenes))
+            self.styles.append((self.inner.observed, self.inner.scenes))
         if len(scenes):
-            self.inner.observed, self.inner.scenes = (sum(values) for values in zip(*self.shown, strict=True))
+            self.inner.observed, self.inner.scenes = (sum(values) for values in zip(*self.styles, strict=True))
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class Unadapted(Adapter):
-    """The source model, which never learns: the reference for every adapter.
+    """The source model without any adaptation: the reference for every adapter.
 
     Args:
         of: See ``Around``.
@@ -134,7 +134,7 @@ class Unadapted(Adapter):
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class Style(Adapter):
-    """Reads the style from the last scenes, and learns nothing else.
+    """Reads the style from recent scenes. Learns nothing else.
 
     Args:
         of: See ``Around``.
@@ -143,18 +143,18 @@ class Style(Adapter):
         memory: See ``Adapter``; at least 1.
 
     Raises:
-        PredictorError: the predictor reads no style.
+        PredictorError: the predictor has no style.
     """
 
     memory: int = setting(MEMORY, whole(1, 100_000))
     kind: ClassVar[str] = "style"
 
-    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
-        super().__post_init__(of, weights, seed)
+    def _prepare(self) -> None:
+        super()._prepare()
         if not isinstance(self.inner, Styled):
             raise PredictorError(
                 f"{name_of(self.inner)} reads no style from scenes (`observe`, `observed`, `scenes`): use "
-                "modular_invariant, modular_stgat or ego_modular, or another adapter, as finetune."
+                "modular_invariant, modular_stgat or ego_modular, or another adapter such as finetune."
             )
 
     def learn(self, truth: Truth) -> None:
@@ -163,21 +163,21 @@ class Style(Adapter):
 
 
 def scene_key(truth: Truth, scene: int) -> SceneKey:
-    """Identifies a scene: when and with whom it was observed; where the time is not known, what was observed."""
-    seen = truth.observation
-    rows = slice(seen.scene[scene], seen.scene[scene + 1])
-    when = seen.history[rows].tobytes() if seen.time is None else int(seen.time[scene])
-    return when, seen.agent[rows].tobytes()
+    """Key of a scene: its time and agents, or its histories and agents if the time is unknown."""
+    observation = truth.observation
+    rows = slice(observation.scene[scene], observation.scene[scene + 1])
+    time = observation.history[rows].tobytes() if observation.time is None else int(observation.time[scene])
+    return time, observation.agent[rows].tobytes()
 
 
-class Told:
-    """What was known of the last scenes when they were told before: labels may come step by step."""
+class KnownSteps:
+    """The known steps of recent scenes. A scene may be revealed several times, with more known steps each time."""
 
     def __init__(self) -> None:
         self.known: OrderedDict[SceneKey, np.ndarray] = OrderedDict()
 
-    def before(self, truth: Truth) -> np.ndarray:
-        """What was known [A, 12] of the same scenes before; this truth is remembered."""
+    def update(self, truth: Truth) -> np.ndarray:
+        """Add the known steps of some scenes; return those known before, [A, 12] bool."""
         before = np.zeros_like(truth.known)
         for scene, (first, last) in enumerate(itertools.pairwise(truth.observation.scene)):
             key = scene_key(truth, scene)

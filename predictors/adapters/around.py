@@ -1,4 +1,4 @@
-"""What predictors around another one share."""
+"""Base class of predictors that wrap another predictor."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from motion_gym.predictors.settings import check_settings, name_of_settings
 from motion_gym.stepping.harness import ask, name_of, selection_of
 
 SOURCE = "modular_invariant"
-"""The predictor that is adapted where none is given."""
+"""The default predictor to wrap."""
 
 
 @dataclass(eq=False, repr=False)
 class Around:
-    """A predictor around a copy of another one; a subclass declares its settings as fields.
+    """A predictor that wraps a copy of another predictor. Subclasses declare their settings as dataclass fields.
 
     Args:
-        of: Name of a predictor, or a predictor; a copy of it is used.
-        weights: Weights of the predictor, where ``of`` is a name.
-        seed: Seed of the predictor's weights, where ``of`` is a name.
+        of: Name of a predictor, or a predictor object, which is copied.
+        weights: Weights of the predictor, if ``of`` is a name.
+        seed: Seed of the predictor's weights, if ``of`` is a name.
 
     Raises:
-        SpecError: a setting is not allowed, or ``weights`` or ``seed`` are given with a predictor.
+        SpecError: a setting is not allowed, or ``of`` is an object and ``weights`` or ``seed`` are set.
     """
 
     of: InitVar[Any] = SOURCE
@@ -36,24 +36,20 @@ class Around:
 
     def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
         check_settings(self)
-        if isinstance(of, str):
-            name, parameters = catalog.parse_spec(of)
-            given = {key: value for key, value in (("weights", weights), ("seed", seed)) if value is not None}
-            of = catalog.predictor(catalog.format_spec(name, {**parameters, **given}))
-        elif weights is not None or seed is not None:
-            raise SpecError("`weights` and `seed` go with the name of a predictor, and `of` is one already.")
-        self.inner: Any = copy.deepcopy(of)
+        options = {name: value for name, value in (("weights", weights), ("seed", seed)) if value is not None}
+        if options and not isinstance(of, str):
+            raise SpecError("`weights` and `seed` go with the name of a predictor, but `of` is a predictor object.")
+        self.inner: Any = copy.deepcopy(catalog.predictor(of, **options))
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Check the wrapped predictor and set the initial state; called once, after the settings are checked."""
 
     @property
     def name(self) -> str:
-        """What is done to which predictor; a name for people where that one has settings of its own."""
+        """Spec with the settings that differ from the defaults, including the name of the wrapped predictor."""
         inner = name_of(self.inner)
         return name_of_settings(self, **({} if inner == getattr(type(self), "of", SOURCE) else {"of": inner}))
-
-    @property
-    def weights_name(self) -> str:
-        """Row of a table whose weights are used."""
-        return str(getattr(self.inner, "weights_name", name_of(self.inner)))
 
     @property
     def fingerprint(self) -> str:
@@ -75,7 +71,7 @@ class Around:
         self.inner.observe(truth)
 
     def reset(self) -> None:
-        """Forget everything that was observed."""
+        """Forget all observed scenes."""
         self.inner.reset()
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:

@@ -1,11 +1,10 @@
-"""Test-time refinement: a forecast is corrected until it looks as if it were of the style of the reference scenes."""
+"""Test-time refinement: forecasts are optimised towards the style of the reference scenes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -14,22 +13,22 @@ from torch import Tensor
 from motion_gym.contract import Forecast, Observation, PredictorError, Truth
 from motion_gym.data.windows import pick_scenes, stack
 from motion_gym.predictors.adapters.around import Around
-from motion_gym.predictors.networks.pair_network import CODE, walked
+from motion_gym.predictors.networks.pair_network import CODE, to_forecast
 from motion_gym.predictors.settings import positive, setting, whole
 from motion_gym.predictors.training.style_loss import TEMPERATURE
 from motion_gym.stepping.harness import name_of
 
 REFINABLE = ("latent", "from_latent", "embedded", "whole_scenes", "observe", "reset")
-"""Methods that a predictor needs for its forecasts to be refined; see ``Modular``."""
+"""Methods that a predictor needs for refinement; see ``Modular``."""
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class Refine(Around):
-    """A predictor around one with a style encoder, that refines each of its forecasts (the paper's section 3.3).
+    """Refines each forecast of a predictor with a style encoder (section 3.3 of the paper).
 
-    The style embedding of a forecast is drawn towards those of the reference scenes by a few steps of Adam on the
-    latent of each scene: what is minimised is minus the mean scalar product of the two, over the temperature of the
-    style loss. Weights are never touched, and with no reference scenes there is nothing to refine towards.
+    A few steps of Adam on the latent of each scene draw the style embedding of the forecast towards those of the
+    reference scenes. The loss is minus the mean scalar product of the two, divided by the temperature of the style
+    loss. The weights do not change. Without reference scenes the forecast is not refined.
 
     Args:
         of: See ``Around``; a predictor with a style encoder.
@@ -37,7 +36,7 @@ class Refine(Around):
         seed: See ``Around``.
         steps: Number of steps, 0 or more.
         rate: Learning rate.
-        memory: Whole scenes, the last ones, that the style is read from; 0 for all that were observed.
+        memory: Number of recent, fully known scenes to read the style from; 0 for all observed scenes.
 
     Raises:
         PredictorError: the predictor has no style encoder.
@@ -48,63 +47,59 @@ class Refine(Around):
     memory: int = setting(0, whole(0, 100_000))
     kind: ClassVar[str] = "refine"
 
-    def __post_init__(self, of: Any, weights: str | Path | None, seed: int | None) -> None:
-        super().__post_init__(of, weights, seed)
+    def _prepare(self) -> None:
         if not all(hasattr(self.inner, method) for method in REFINABLE):
             raise PredictorError(
-                f"{name_of(self.inner)} has no style encoder, so that there is nothing to refine a "
-                "forecast by: use modular or modular_invariant."
+                f"{name_of(self.inner)} has no style encoder, so its forecasts cannot be refined: use modular or "
+                "modular_invariant."
             )
-        self._forget()
+        self._start()
 
-    def _forget(self) -> None:
-        self.towards, self.scenes = np.zeros(CODE), 0
-        """Sum [8] of the style embeddings that forecasts are refined towards, and the number of their scenes."""
-        self.shown: list[Truth] = []
-        """The last scenes, where the style is read from these alone."""
+    def _start(self) -> None:
+        self.embeddings, self.scenes = np.zeros(CODE), 0
+        """Sum [8] of the style embeddings of the reference scenes, and the number of these scenes."""
+        self.recent: list[Truth] = []
+        """The last scenes; empty if ``memory`` is 0."""
 
     @property
     def tune(self) -> Callable[..., None]:
-        """Tune the predictor, and forget what was observed; AttributeError if it cannot be tuned. See ``Transfer``."""
+        """Tune the predictor and forget all observed scenes; AttributeError without ``tune``. See ``Transfer``."""
         tune = self.inner.tune
 
-        def tuned(scenes: Truth, validation: Truth | None = None) -> None:
+        def tune_and_reset(scenes: Truth, validation: Truth | None = None) -> None:
             tune(scenes, validation)
             self.reset()
 
-        return tuned
+        return tune_and_reset
 
     def observe(self, truth: Truth) -> None:
-        """Read the style, and the embeddings to refine towards, from scenes whose 20 steps are all known."""
-        whole = self.inner.whole_scenes(truth)
-        if whole is None:
+        """Read the style and the style embeddings from scenes whose 20 steps are all known."""
+        scenes = self.inner.whole_scenes(truth)
+        if scenes is None:
             return
         if self.memory:
-            last = [*self.shown, *(pick_scenes(whole, [scene]) for scene in range(whole.observation.scenes))]
+            new = [pick_scenes(scenes, [scene]) for scene in range(scenes.observation.scenes)]
+            recent = [*self.recent, *new][-self.memory :]
             self.reset()
-            self.shown = last[-self.memory :]
-            whole = stack(self.shown)
-        self.inner.observe(whole)
-        self.towards = self.towards + self._embedded(whole)
-        self.scenes += whole.observation.scenes
-
-    def _embedded(self, whole: Truth) -> np.ndarray:
-        """Sum [8] of the style embeddings of whole scenes."""
-        path = np.concatenate([whole.observation.xy[:, -1:], whole.future], axis=1)
+            self.recent, scenes = recent, stack(recent)
+        self.inner.observe(scenes)
+        path = np.concatenate([scenes.observation.xy[:, -1:], scenes.future], axis=1)
         moves = torch.tensor(np.diff(path, axis=1), dtype=torch.float64).reshape(1, -1, 24)
         with torch.no_grad():
-            return self.inner.embedded(whole.observation, moves)[0].double().sum(dim=0).numpy()
+            embedded = self.inner.embedded(scenes.observation, moves)[0]
+        self.embeddings = self.embeddings + embedded.double().sum(dim=0).numpy()
+        self.scenes += scenes.observation.scenes
 
     def reset(self) -> None:
-        """Forget all that was observed."""
+        """Forget all observed scenes."""
         self.inner.reset()
-        self._forget()
+        self._start()
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
-        """Forecast [A, 1, 12, 2], metres: the first sample alone, refined.
+        """Forecast [A, 1, 12, 2], metres: the first sample only, refined.
 
         Raises:
-            PredictorError: there are no weights, or the scenes are not such as the predictor takes.
+            PredictorError: there are no weights, or the predictor does not take these scenes.
         """
         with torch.no_grad():
             latent = self.inner.latent(observation, seed)
@@ -112,10 +107,10 @@ class Refine(Around):
             latent = self._refined(observation, latent.clone(), seed)
         with torch.no_grad():
             moves = self.inner.from_latent(observation, latent, seed)
-        return walked(observation, moves)
+        return to_forecast(observation, moves)
 
     def _refined(self, observation: Observation, latent: Tensor, seed: int) -> Tensor:
-        goal = torch.tensor(self.towards / self.scenes / TEMPERATURE, dtype=torch.float64)
+        goal = torch.tensor(self.embeddings / self.scenes / TEMPERATURE, dtype=torch.float64)
         with torch.enable_grad():
             latent.requires_grad_()
             adam = torch.optim.Adam([latent], lr=self.rate)

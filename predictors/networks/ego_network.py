@@ -1,8 +1,8 @@
-"""The networks of the ego-frame predictors, for several models at once; weights have a leading axis M.
+"""The networks of the ego-frame predictors, for several models at once; weights have a leading model axis M.
 
-``without_style`` and ``in_style`` answer for each neighbour on its own and add the answers up, so that any number of
-neighbours, in any order, will do. What they give are offsets [M, A, 24] from the undisturbed course, metres, along it
-and to its left.
+``without_style`` and ``in_style`` compute one term per neighbour and sum the terms, so they take any number of
+neighbours, in any order. Their outputs are offsets [M, A, 24] from the undisturbed course, metres, along the course and
+to its left.
 """
 
 from __future__ import annotations
@@ -13,39 +13,42 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import FUTURE, HISTORY, WINDOW
+from motion_gym.predictors.networks import pair_network
 from motion_gym.predictors.networks.ego_features import BEFORE, DURING, FREE, Scenes
-from motion_gym.predictors.networks.pair_network import layers, shapes_of
+from motion_gym.predictors.networks.pair_network import layers
 from motion_gym.training.program import Weights
 
 WIDTH = 128
 DOUBT = 0.1
-"""Metres: a deviation of the observed steps counts fully only if it is well above this."""
+"""Metres: deviations of the observed steps below this are damped."""
 LAYERS: dict[str, tuple[tuple[int, int], ...]] = {
     "plain": ((BEFORE + DURING, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH), (WIDTH, 2 * FUTURE)),
     "manoeuvre": ((BEFORE, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH), (WIDTH, 2 * 2 * (WINDOW - FREE))),
 }
 """Inputs and outputs of each layer of each network."""
 GAINS = {"plain": "plain", "manoeuvre": "correction"}
-"""The linear gain from deviations to offsets that stands beside each network."""
+"""Name of the linear gain from deviations to offsets that belongs to each network."""
 
 
 def shapes(networks: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
-    """Shape of every weight, without the axis M."""
+    """Shape of every weight, without the model axis."""
     result: dict[str, tuple[int, ...]] = {}
     for name in networks:
         result[f"inputs.{name}_mean"] = result[f"inputs.{name}_scale"] = LAYERS[name][0][:1]
-        result |= shapes_of({name: LAYERS[name]})
+        result |= pair_network.shapes({name: LAYERS[name]})
         result[f"{GAINS[name]}.gain"] = (2 * HISTORY, 2 * FUTURE)
     return result
 
 
 def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], seed: int) -> Weights:
-    """Weights of one model, M = 1: layers by He's rule, the last one a tenth of it; gains that are constant velocity.
+    """Initial weights of one model, M = 1.
+
+    Layers are drawn by He's rule, the last one smaller; gains are constant velocity.
 
     Args:
-        networks: Which.
-        inputs: Inputs [..., F] of each network, to be standardised by.
-        seed: Source of all randomness.
+        networks: Names of the networks.
+        inputs: Training inputs [..., F] of each network, for standardisation.
+        seed: Seed of all random values.
     """
     generator = torch.Generator().manual_seed(seed)
     weights: Weights = {}
@@ -61,34 +64,34 @@ def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], seed: int) -> 
 
 
 def without_style(scenes: Scenes, weights: Weights) -> Tensor:
-    """Offsets [M, A, 24] from what is observed alone."""
+    """Offsets [M, A, 24] without a style."""
     pairs = torch.cat([scenes.before, scenes.during], dim=-1)
-    answers = _by_pair(pairs, weights, "plain") * torch.exp(-scenes.miss)[..., None, None]
-    return torch.bmm(scenes.deviation, weights["plain.gain"]) + _added(answers, scenes.side)
+    terms = _by_pair(pairs, weights, "plain") * torch.exp(-scenes.miss)[..., None, None]
+    return torch.bmm(scenes.deviation, weights["plain.gain"]) + _summed(terms, scenes.side)
 
 
 def in_style(scenes: Scenes, distance: Tensor, weights: Weights) -> tuple[Tensor, Tensor]:
-    """Of agents who keep a distance: how they leave their undisturbed courses.
+    """Offsets of agents who keep a distance from each other.
 
-    Each answer is the intrusion, max(0, distance - miss), times what is affine in the distance; the network that gives
-    it sees undisturbed courses alone. So it extrapolates to distances that it was not trained with. What the observed
-    steps show beyond it corrects it by a linear gain.
+    The term of a neighbour is the manoeuvre: the intrusion, max(0, distance - miss), times an affine function of the
+    distance, whose coefficients depend only on the undisturbed courses. It therefore extrapolates to distances outside
+    the training range. A linear gain of the observed deviation from the manoeuvre corrects the sum.
 
     Args:
         scenes: Agents [M, A, ...].
         distance: [M, A] metres.
-        weights: Of M models.
+        weights: Weights of M models.
 
     Returns:
-        [M, A, 32] offsets by the manoeuvre alone at the 16 steps after the free ones, and corrected [M, A, 24].
+        Offsets [M, A, 32] of the manoeuvre at the 16 steps that do not define the course, and corrected offsets
+        [M, A, 24] at the future steps.
     """
-    alone = _by_pair(scenes.before, weights, "manoeuvre")
-    constant, slope = alone.chunk(2, dim=-2)
-    reach = distance[..., None].expand_as(scenes.miss)
-    intrusion = torch.relu(reach - scenes.miss)[..., None, None]
-    offsets = _added(intrusion * (constant + reach[..., None, None] * slope), scenes.side)
+    constant, slope = _by_pair(scenes.before, weights, "manoeuvre").chunk(2, dim=-2)
+    kept = distance[..., None].expand_as(scenes.miss)
+    intrusion = torch.relu(kept - scenes.miss)[..., None, None]
+    offsets = _summed(intrusion * (constant + kept[..., None, None] * slope), scenes.side)
     seen = 2 * (HISTORY - FREE)
-    # The manoeuvre is not trained through the correction.
+    # The correction does not train the manoeuvre.
     fixed = offsets.detach()
     beyond = torch.cat(
         [scenes.deviation[..., : 2 * FREE], scenes.deviation[..., 2 * FREE :] - fixed[..., :seen]], dim=-1
@@ -104,18 +107,18 @@ def distance_error(offsets: Tensor, target: Tensor) -> Tensor:
 
 
 def _by_pair(pairs: Tensor, weights: Weights, name: str) -> Tensor:
-    """Answers [M, A, N, T, 2] to inputs [M, A, N, F]."""
+    """Terms [M, A, N, T, 2] for inputs [M, A, N, F]."""
     x = (pairs.flatten(1, 2) - weights[f"inputs.{name}_mean"][:, None]) / weights[f"inputs.{name}_scale"][:, None]
     return layers(x, weights, name, 1, len(LAYERS[name])).view(*pairs.shape[:3], -1, 2)
 
 
-def _added(answers: Tensor, side: Tensor) -> Tensor:
-    """Sum over neighbours of [M, A, N, T, 2], each turned out of its mirror: [M, A, 2 T]."""
-    return (answers * torch.stack([side.abs(), side], dim=-1)[..., None, :]).sum(dim=2).flatten(-2)
+def _summed(terms: Tensor, side: Tensor) -> Tensor:
+    """Sum over neighbours of terms [M, A, N, T, 2], with mirrored pairs mirrored back: [M, A, 2 T]."""
+    return (terms * torch.stack([side.abs(), side], dim=-1)[..., None, :]).sum(dim=2).flatten(-2)
 
 
 def _constant_velocity() -> Tensor:
-    """Gain [16, 24] that goes on from the last observed position at the last observed velocity."""
+    """Gain [16, 24] that continues from the last observed position at the last observed velocity."""
     gain = torch.zeros(HISTORY, 2, FUTURE, 2)
     ahead = torch.arange(1.0, FUTURE + 1)
     for axis in range(2):

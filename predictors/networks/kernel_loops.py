@@ -1,4 +1,4 @@
-"""The numba loops of ``kernels``; they take contiguous float32 arrays, release the GIL, and use one thread."""
+"""The numba loops of ``kernels``: they take contiguous float32 arrays, release the GIL, and use one thread."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy import float32
 SLOPE = 0.2
 """Slope of the leaky rectifier in the attention logits."""
 EPSILON = 1e-5
-"""Added to the variance before its root, in the normalisation over a scene's agents."""
+"""Added to the variance in the normalisation over the agents of a scene."""
 
-# Sums may be reordered, which lets the compiler vectorise them; it must not assume that nothing is NaN.
+# The compiler may reorder sums, to vectorise them, but must not assume that no value is NaN.
 kernel: Any = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @kernel
 def tanh(x):  # type: ignore[no-untyped-def]
-    """Hyperbolic tangent, to 4e-7: the rational approximation of Eigen, which is vectorised where libm is not."""
-    most = float32(7.90531110763549805)  # where float32 reaches 1
+    """Hyperbolic tangent, to 4e-7: the rational approximation of Eigen, which the compiler can vectorise."""
+    most = float32(7.90531110763549805)  # the result rounds to 1 in float32
     x = most if x > most else x
     x = -most if x < -most else x
     s = x * x
@@ -40,7 +40,7 @@ def tanh(x):  # type: ignore[no-untyped-def]
 
 @kernel
 def lstm_forward(gates, cells, hidden, after):  # type: ignore[no-untyped-def]
-    """``lstm_cell`` of rows [R, ...]; the gates are changed into their hyperbolic tangents."""
+    """``lstm_cell`` of rows [R, ...]; overwrites the gates with their hyperbolic tangents."""
     rows, size = cells.shape
     half, one = float32(0.5), float32(1)
     for r in range(rows):
@@ -55,11 +55,11 @@ def lstm_forward(gates, cells, hidden, after):  # type: ignore[no-untyped-def]
 
 @kernel
 def lstm_backward(gates, cells, after, d_hidden, d_after, d_gates, d_cells):  # type: ignore[no-untyped-def]
-    """Gradients of the pre-activations and of the cells before the step, for the arrays of ``lstm_forward``."""
+    """Gradients of the gates and of the cells before the step, for the arrays of ``lstm_forward``."""
     rows, size = cells.shape
     half, one = float32(0.5), float32(1)
     for r in range(rows):
-        # A loop for each gate: one that writes all four is not vectorised.
+        # One loop per gate: the compiler does not vectorise a loop that writes all four.
         for k in range(size):
             o, bounded, d = gates[r, 2 * size + k], tanh(after[r, k]), half * d_hidden[r, k]
             d_gates[r, 2 * size + k] = d * bounded * (one - o * o)
@@ -78,7 +78,7 @@ def lstm_backward(gates, cells, after, d_hidden, d_after, d_gates, d_cells):  # 
 
 @kernel
 def normalise_forward(x, limits, y, scale):  # type: ignore[no-untyped-def]
-    """``normalise`` of arrays [B, A, C]; writes y and scale [B, S, C], one over the standard deviation."""
+    """``normalise`` of arrays [B, A, C]; writes y and scale [B, S, C], the inverse standard deviation."""
     batch, _, channels = x.shape
     total = np.empty(channels, float32)
     for b in range(batch):
@@ -126,7 +126,7 @@ def normalise_backward(y, scale, d_y, limits, d_x):  # type: ignore[no-untyped-d
 
 @kernel
 def exponentials(rows, target, tops, share, scaled):  # type: ignore[no-untyped-def]
-    """Write e^(target_j - top) and the same of the scaled difference, for the targets in a column; returns top."""
+    """Write exp(target_j - top) and the same of the scaled difference, for the targets in a column; return top."""
     top = rows[0, target]
     for j in range(len(rows)):
         top = max(top, rows[j, target])
@@ -138,10 +138,10 @@ def exponentials(rows, target, tops, share, scaled):  # type: ignore[no-untyped-
 
 @kernel
 def weigh(logit, n, share, scaled, row):  # type: ignore[no-untyped-def]
-    """Write the attention weights of an agent whose source plus the top target is ``logit``.
+    """Write the attention weights of an agent; ``logit`` is its source plus the top target.
 
-    The exponential of a leaky rectifier is the larger of two products, e^source e^target and the same of the scaled
-    parts, so that n x n exponentials become products of n.
+    The exponential of a leaky rectifier is the larger of two products: exp(source) exp(target), and the same of the
+    scaled parts. This needs n exponentials instead of n x n.
     """
     other = np.exp(float32(SLOPE - 1) * abs(logit))
     gain, gain_scaled = (float32(1), other) if logit > 0 else (other, float32(1))
@@ -157,7 +157,7 @@ def weigh(logit, n, share, scaled, row):  # type: ignore[no-untyped-def]
 
 @kernel
 def attend_forward(projected, limits, bias, rectify, out):  # type: ignore[no-untyped-def]
-    """``attend`` of arrays [B, A, ...], with the bias [B, F]."""
+    """``attend`` of arrays [B, A, ...] with the bias [B, F]."""
     batch, agents, width = projected.shape
     features = bias.shape[1]
     heads = width // (features + 2)
@@ -188,7 +188,7 @@ def attend_forward(projected, limits, bias, rectify, out):  # type: ignore[no-un
 
 @kernel
 def attend_backward(projected, out, d_out, limits, rectify, d_projected, d_bias):  # type: ignore[no-untyped-def]
-    """Gradients of ``attend_forward``: d_projected is written, d_bias [B, F] is added to; weights are recomputed."""
+    """Gradients of ``attend_forward``: writes d_projected, adds to d_bias [B, F], recomputes the weights."""
     batch, agents, width = projected.shape
     features = d_bias.shape[1]
     heads = width // (features + 2)

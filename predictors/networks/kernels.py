@@ -1,8 +1,7 @@
-"""Three operations of the networks that take most of the time: an LSTM cell, and a scene's normalisation and attention.
+"""The three most expensive operations of the networks: an LSTM cell, and normalisation and attention over scenes.
 
-On a CPU and in single precision they are numba kernels with backward passes of their own, which use one thread.
-Elsewhere they are plain operations of torch, which are also the reference in the tests. Only ``kernel_loops``
-needs numba.
+On a CPU in single precision they are numba kernels with backward passes, which use one thread. Otherwise they are plain
+torch operations, which are also the reference in the tests. Only ``kernel_loops`` needs numba.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from motion_gym.predictors.networks.kernel_loops import EPSILON, SLOPE
 
 
 def serve(x: Tensor) -> bool:
-    """Whether the kernels can work on a tensor."""
+    """Whether the kernels support a tensor."""
     return x.device.type == "cpu" and x.dtype == torch.float32
 
 
@@ -28,12 +27,12 @@ def lstm_cell(gates: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
     """One step of an LSTM after its matrix product.
 
     Args:
-        gates: [M, A, 4 H] pre-activations in the order input, forget, output, cell; those of the first three, which are
-            logistic, halved: logistic(x) = (1 + tanh(x / 2)) / 2. Used up by the kernel.
+        gates: [M, A, 4 H] pre-activations in the order input, forget, output, cell. The first three, which are
+            logistic, are halved: logistic(x) = (1 + tanh(x / 2)) / 2. The kernel overwrites them.
         cells: [M, A, H] cells before the step.
 
     Returns:
-        Hidden state and cells [M, A, H] after the step.
+        Hidden states and cells [M, A, H] after the step.
     """
     if serve(gates):
         return LstmCell.apply(gates, cells)  # type: ignore[no-any-return]
@@ -65,10 +64,10 @@ def attend(projected: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Te
     """Attention among the agents of each scene: softmax over j of leaky_relu(source_i + target_j), times the values.
 
     Args:
-        projected: [T, M, A, heads * F + 2 * heads]: values, then sources, then targets of each head.
-        bias: [M, F], added for each head.
+        projected: [T, M, A, heads * F + 2 * heads]: the values, then the sources, then the targets of each head.
+        bias: [M, F], added to each head.
         limits: [S + 1] int64; scene s has the agents limits[s] to limits[s + 1].
-        rectify: Whether to end with an exponential linear unit.
+        rectify: Whether to apply an exponential linear unit to the output.
 
     Returns:
         [T, M, A, heads * F].
@@ -79,22 +78,22 @@ def attend(projected: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Te
     heads = projected.shape[-1] // (features + 2)
     sizes = limits.diff()[:, None]
     place = torch.arange(int(sizes.max()) if len(sizes) else 0, device=projected.device)
-    there = place < sizes
-    padded = projected[:, :, torch.where(there, limits[:-1, None] + place, 0)] * there[..., None]
+    present = place < sizes
+    padded = projected[:, :, torch.where(present, limits[:-1, None] + place, 0)] * present[..., None]
     values, source, target = padded.split([heads * features, heads, heads], dim=-1)
     logits = leaky_relu(source[..., :, None, :] + target[..., None, :, :], SLOPE)
-    logits = logits.masked_fill(~there[:, None, :, None], torch.finfo(projected.dtype).min)
+    logits = logits.masked_fill(~present[:, None, :, None], torch.finfo(projected.dtype).min)
     attended = torch.einsum("...ijh,...jhf->...ihf", logits.softmax(dim=-2), values.unflatten(-1, (heads, features)))
-    out = (attended + bias[:, None, None, None]).flatten(-2)[:, :, there]
+    out = (attended + bias[:, None, None, None]).flatten(-2)[:, :, present]
     return elu(out) if rectify else out
 
 
 class LstmCell(torch.autograd.Function):
-    """``lstm_cell`` by kernels."""
+    """``lstm_cell`` with kernels."""
 
     @staticmethod
     def forward(ctx: Any, gates: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
-        """Hidden state and cells."""
+        """Hidden states and cells."""
         gates, cells = gates.contiguous(), cells.contiguous()
         hidden, after = torch.empty_like(cells), torch.empty_like(cells)
         loops.lstm_forward(*_flat(gates, cells, hidden, after))
@@ -113,7 +112,7 @@ class LstmCell(torch.autograd.Function):
 
 
 class Normalise(torch.autograd.Function):
-    """``normalise`` by kernels."""
+    """``normalise`` with kernels."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, limits: Tensor) -> Tensor:
@@ -135,7 +134,7 @@ class Normalise(torch.autograd.Function):
 
 
 class Attend(torch.autograd.Function):
-    """``attend`` by kernels."""
+    """``attend`` with kernels."""
 
     @staticmethod
     def forward(ctx: Any, projected: Tensor, bias: Tensor, limits: Tensor, rectify: bool) -> Tensor:
@@ -143,8 +142,8 @@ class Attend(torch.autograd.Function):
         projected, features = projected.contiguous(), bias.shape[1]
         heads = projected.shape[3] // (features + 2)
         out = projected.new_empty(*projected.shape[:3], heads * features)
-        every = bias.detach().repeat(len(projected), 1).numpy()
-        loops.attend_forward(*_flat(projected), limits.numpy(), every, rectify, *_flat(out))
+        repeated = bias.detach().repeat(len(projected), 1).numpy()
+        loops.attend_forward(*_flat(projected), limits.numpy(), repeated, rectify, *_flat(out))
         ctx.save_for_backward(projected, out, limits)
         ctx.rectify, ctx.features = rectify, features
         return out
@@ -162,5 +161,5 @@ class Attend(torch.autograd.Function):
 
 
 def _flat(*tensors: Tensor) -> list[np.ndarray]:
-    """Arrays [T M, ...] of tensors [T, M, ...]: the first two axes in one."""
+    """Tensors [T, M, ...] as arrays [T M, ...]."""
     return [tensor.detach().flatten(0, 1).numpy() for tensor in tensors]

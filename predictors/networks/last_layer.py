@@ -1,4 +1,4 @@
-"""Interfaces of predictors that can be adapted: weights that gradients reach, and a linear last layer."""
+"""Interfaces of adaptable predictors: weights that can be tuned by gradients, and a linear last layer."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from torch import Tensor
 from motion_gym.contract import FUTURE, Observation, PredictorError, Truth
 from motion_gym.specs import one_of
 from motion_gym.stepping.harness import name_of
-
-Weights = dict[str, Tensor]
+from motion_gym.training.program import Weights
 
 
 @runtime_checkable
@@ -22,20 +21,20 @@ class Tunable(Protocol):
 
     Attributes:
         tensors: The weights, by name, with a leading axis of 1.
-        parts: What can be tuned, by name: beginnings of names of weights. ``all`` is one of them.
+        parts: Tunable parts, by name: prefixes of the names of weights. Includes ``all``.
     """
 
     tensors: Weights | None
     parts: Mapping[str, tuple[str, ...]]
 
     def offsets(self, observation: Observation, weights: Weights, seed: int = 0, shown: Truth | None = None) -> Tensor:
-        """Forecast by given weights.
+        """Forecast with given weights.
 
         Args:
             observation: A agents.
-            weights: Of M models, [M, ...].
-            seed: Of what is random; the first sample is given.
-            shown: Scenes of which all is known, to read the style from; None for the style observed so far.
+            weights: Weights [M, ...] of M models.
+            seed: Seed of a stochastic forecast, whose first sample is returned.
+            shown: Scenes to read the style from; None for the style observed so far.
 
         Returns:
             [M, A, 12, 2], metres from the last observed position; differentiable with respect to the weights.
@@ -46,16 +45,16 @@ class Tunable(Protocol):
 class LastLayer:
     """The linear last layer of a predictor, for the A agents of an observation.
 
-    Forecasts are a function of ``inputs @ weight``, the outputs. The outputs of a row are the vectors of successive
-    future steps of one agent, or of all agents of a scene one after another: 12 A / R vectors of 2 values in each of
-    the R rows, in the order of agents and steps.
+    The forecast is a function of ``inputs @ weight``, the outputs. A row of the outputs holds 2D vectors of successive
+    future steps, of one agent or of all agents of a scene one after another: 12 A / R vectors in each of the R rows, in
+    the order of agents and steps.
 
     Attributes:
-        inputs: [R, C] float64; the last one is 1, for the bias.
+        inputs: [R, C] float64; the last column is 1, for the bias.
         weight: [C, O] float64, of the trained predictor; O = 24 A / R.
         last: [A, 1, 2] float64, last observed positions, metres, world frame.
         turn: [A, 2, 2] matrices that turn world row vectors into the frame of the outputs; None for the world frame.
-        moves: Whether the vectors are displacements from step to step; else they are offsets from ``last``.
+        moves: Whether the vectors are displacements from step to step instead of offsets from ``last``.
     """
 
     inputs: np.ndarray
@@ -65,15 +64,14 @@ class LastLayer:
     moves: bool = True
 
     def __post_init__(self) -> None:
-        for name, value in list(vars(self).items()):  # copies of an adapter share them
-            if not isinstance(value, np.ndarray):
-                continue
-            array = value.view()
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        for name, value in list(vars(self).items()):
+            if isinstance(value, np.ndarray):
+                view = value.view()
+                view.flags.writeable = False  # copies of an adapter share the arrays
+                object.__setattr__(self, name, view)
 
     def positions(self, outputs: np.ndarray) -> np.ndarray:
-        """Positions [A, 12, 2], metres, world frame, that outputs [R, O] stand for."""
+        """Positions [A, 12, 2], metres, world frame, of outputs [R, O]."""
         vectors = outputs.reshape(-1, FUTURE, 2)
         if self.moves:
             vectors = vectors.cumsum(axis=1)
@@ -82,7 +80,7 @@ class LastLayer:
         return np.asarray(self.last + vectors)
 
     def outputs(self, positions: np.ndarray) -> np.ndarray:
-        """Outputs [R, O] that stand for positions [A, 12, 2]: the inverse of ``positions``."""
+        """Outputs [R, O] of positions [A, 12, 2]: the inverse of ``positions``."""
         vectors = positions - self.last
         if self.turn is not None:
             vectors = vectors @ self.turn
@@ -91,42 +89,42 @@ class LastLayer:
         return np.asarray(vectors.reshape(len(self.inputs), self.weight.shape[1]))
 
     def known_rows(self, known: np.ndarray) -> np.ndarray:
-        """[R] bool, the rows all of whose vectors are known where the positions ``known`` [A, 12] are."""
+        """[R] bool, the rows whose vectors are all known, if positions are known where ``known`` [A, 12] is True."""
         vectors = known.copy()
         if self.moves:
             vectors[:, 1:] &= known[:, :-1]
         return np.asarray(vectors.reshape(len(self.inputs), -1).all(axis=1))
 
     def by_step(self, values: np.ndarray) -> np.ndarray:
-        """Values [R] of the rows as values [A, 12] of the steps that they hold."""
+        """Values [R] of the rows, repeated for the agents and steps of each row: [A, 12]."""
         return np.repeat(values, self.last.size // 2 * FUTURE // max(len(values), 1)).reshape(-1, FUTURE)
 
 
-def with_one(inputs: np.ndarray) -> np.ndarray:
-    """Inputs [R, C] with a further one [R, C + 1] that is 1, for the bias."""
+def with_bias_input(inputs: np.ndarray) -> np.ndarray:
+    """Inputs [R, C] with a further column of ones, for the bias: [R, C + 1]."""
     return np.concatenate([inputs, np.ones((len(inputs), 1))], axis=1)
 
 
 @runtime_checkable
 class Linearised(Protocol):
-    """A predictor whose last layer can be replaced."""
+    """A predictor with a replaceable linear last layer."""
 
     def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
         """The last layer for the agents of an observation."""
 
 
 def tunable(predictor: Any, parts: str) -> list[str]:
-    """Names of the weights of some parts of a predictor.
+    """Names of the weights of a part of a predictor.
 
     Raises:
-        PredictorError: the predictor cannot be tuned, or has not this part.
-        SpecError: no predictor has it.
+        PredictorError: the predictor cannot be tuned, or lacks this part.
+        SpecError: no predictor has this part.
     """
     name = name_of(predictor)
     if not isinstance(predictor, Tunable):
         raise PredictorError(
             f"{name} has no weights that gradients reach (`tensors`, `parts`, `offsets`): use one of the STGAT or "
-            "modular family, as erm or modular_invariant; `linear` is adapted by kalman."
+            "modular family, such as erm or modular_invariant; `linear` is adapted by kalman."
         )
     one_of("parts", parts, {"all", "style", "modulator", "last_layer", *predictor.parts})
     if parts not in predictor.parts:

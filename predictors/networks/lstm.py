@@ -1,6 +1,6 @@
-"""LSTMs of several models at once: every weight has a leading axis M, and every matrix product is a batched one.
+"""LSTMs of several models at once: every weight has a leading model axis M, and every matrix product is batched.
 
-Hidden state, input and a one for the bias lie side by side, so that a step is a single product.
+Hidden state, input and a one for the bias are concatenated, so that a step is a single product.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from motion_gym.predictors.networks.kernels import lstm_cell
 
 
 def joined_weights(inputs: Tensor, hidden: Tensor, bias: Tensor) -> Tensor:
-    """Weights [M, H + F + 1, 4 H] as used here, from those of torch's order of gates: input, forget, cell, output.
+    """Weights [M, H + F + 1, 4 H] for ``unrolled`` and ``rolled_out``, from weights in torch's order of gates.
 
-    The order is that of ``kernels.lstm_cell``: input, forget, output, cell, and all but the last are halved.
+    Torch's order is input, forget, cell, output. The result has the order of ``kernels.lstm_cell``: input, forget,
+    output, cell, all but the last halved.
 
     Args:
-        inputs: [M, F, 4 H], from the input to the gates.
-        hidden: [M, H, 4 H], from the hidden state to the gates.
+        inputs: [M, F, 4 H] from the input to the gates.
+        hidden: [M, H, 4 H] from the hidden state to the gates.
         bias: [M, 4 H].
     """
     i, f, n, o = torch.cat([hidden, inputs, bias[:, None]], dim=1).chunk(4, dim=-1)
@@ -30,8 +31,8 @@ def unrolled(inputs: Tensor, h: Tensor, c: Tensor, weight: Tensor) -> Tensor:
 
     Args:
         inputs: [T, M, A, F].
-        h: [M, A, H] first hidden state.
-        c: [M, A, H] first cell.
+        h: [M, A, H] initial hidden states.
+        c: [M, A, H] initial cells.
         weight: [M, K, 4 H], from ``joined_weights``.
 
     Returns:
@@ -47,21 +48,21 @@ def unrolled(inputs: Tensor, h: Tensor, c: Tensor, weight: Tensor) -> Tensor:
 def rolled_out(
     h: Tensor, first: Tensor, weight: Tensor, out: Tensor, bias: Tensor, steps: int, twins: bool
 ) -> tuple[Tensor, Tensor]:
-    """Run an LSTM that is fed its own output, from a cell of zeros.
+    """Run an LSTM on its own output, from cells of zeros.
 
-    The output is a linear map of the hidden state, or of the difference of two of them.
+    The output is a linear map of the hidden state, or of the difference of two hidden states.
 
     Args:
-        h: [M, A, H] first hidden state; with twins [M, 2 A, H], each row followed by its twin.
-        first: [M, A, F] input of the first step, which twins share.
+        h: [M, A, H] initial hidden states; with twins [M, 2 A, H], each row followed by its twin.
+        first: [M, A, F] input of the first step, shared by twins.
         weight: [M, K, 4 H], from ``joined_weights``.
         out: [M, H, F] from the hidden state to the output.
         bias: [M, F] of the output.
         steps: Number of steps T.
-        twins: Whether the output is taken of the hidden state less that of the twin, and fed to both.
+        twins: Whether the output is computed from the hidden state minus that of the twin, and fed to both.
 
     Returns:
-        Outputs [T, M, A, F], and the states [T, M, A, H] that they are a linear map of.
+        Outputs [T, M, A, F], and the states [T, M, A, H] that the linear map is applied to.
     """
     c, fed, outputs, states = torch.zeros_like(h), first, [], []
     for _ in range(steps):
@@ -73,5 +74,5 @@ def rolled_out(
 
 
 def _step(h: Tensor, c: Tensor, x: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Hidden state and cell, [M, A, H] each, after a step with input x [M, A, F]."""
+    """Hidden states and cells, [M, A, H] each, after a step with input x [M, A, F]."""
     return lstm_cell(torch.bmm(torch.cat([h, x, torch.ones_like(x[..., :1])], dim=-1), weight), c)

@@ -1,4 +1,4 @@
-"""Pairs of neighbours over all 20 steps, which a style is read from in scenes of any number of agents."""
+"""Pairs of neighbours over all 20 steps, to read a style from scenes of any number of agents."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ import torch
 from torch import Tensor
 
 from motion_gym.contract import Truth
-from motion_gym.predictors.networks.ego_features import neighbours
+from motion_gym.predictors.networks.ego_features import direction, known_neighbours
 
 NEAREST = 4
-"""Most neighbours of an agent that count: those who come nearest to it."""
-LEAST = 1e-6
+"""Largest number of neighbours per agent: those with the smallest distance at any step."""
 
 
 @dataclass(frozen=True)
 class NeighbourPairs:
-    """Who is whose neighbour. Each pair is there twice, once from each side: the order of agents is of no account.
+    """Pairs of an agent and one of its neighbours, independent of the order of agents.
 
     Attributes:
-        agent: [P] int64, from whom it is seen, rising.
-        other: [P] int64, the neighbour.
-        heading: [P, 2] float32, direction in which the agent went over the observed steps.
+        agent: [P] int64, index of the agent, ascending.
+        other: [P] int64, index of the neighbour.
+        heading: [P, 2] float32, direction from the first to the last observed position of the agent.
         scene: [P] int64, the scene of both.
     """
 
@@ -34,25 +33,21 @@ class NeighbourPairs:
 
     @classmethod
     def of(cls, truth: Truth) -> NeighbourPairs:
-        """The nearest neighbours of each agent; those who are not known over all 20 steps are none, and have none."""
-        path = np.concatenate([truth.observation.xy, truth.future], axis=1).astype(np.float64)
+        """The nearest neighbours of each agent, among the agents that are known over all 20 steps."""
+        path, other, present = known_neighbours(truth)
         x, y = np.ascontiguousarray(path[..., 0]), np.ascontiguousarray(path[..., 1])
-        other, there = neighbours(truth.observation.scene)
-        whole = np.asarray(truth.known.all(axis=1))
-        there = np.logical_and(there, whole[:, None] & whole[other])
         nearest = np.full(other.shape, np.inf)
-        for column in range(other.shape[1]):  # one at a time, as the paths of all pairs together can be large
+        for column in range(other.shape[1]):  # one column at a time, because the paths of all pairs can be large
             dx, dy = x[other[:, column]] - x, y[other[:, column]] - y
-            nearest[:, column] = np.where(there[:, column], (dx * dx + dy * dy).min(axis=1), np.inf)
+            nearest[:, column] = np.where(present[:, column], (dx * dx + dy * dy).min(axis=1), np.inf)
         kept = np.argsort(nearest, axis=1, kind="stable")[:, :NEAREST]
-        agent, slot = np.nonzero(np.take_along_axis(there, kept, axis=1))
-        way = truth.observation.xy[agent, -1] - truth.observation.xy[agent, 0]
-        length = np.linalg.norm(way, axis=-1, keepdims=True)
-        heading = np.where(length > LEAST, way / np.maximum(length, LEAST), [1.0, 0.0]).astype(np.float32)
+        agent, slot = np.nonzero(np.take_along_axis(present, kept, axis=1))
+        course = truth.observation.xy[agent, -1] - truth.observation.xy[agent, 0]
+        heading = direction(course).astype(np.float32)
         return cls(agent, other[agent, kept[agent, slot]], heading, truth.observation.scene_index[agent])
 
     def paths(self, path: Tensor) -> Tensor:
-        """Where the neighbours are, seen from the agents, along the agents' way and to its left.
+        """Positions of the neighbours relative to the agents, along the agent's heading and to its left.
 
         Args:
             path: [A, 20, 2] positions, metres.

@@ -1,7 +1,7 @@
-"""The network of STGAT as the paper's released program has it, for several models at once.
+"""The network of STGAT, as in the paper's released program, for several models at once.
 
-Weights are a dict of tensors with a leading axis M; ``shapes`` gives their shapes. All that is random (the initial
-states of the encoders, the noise of the decoder) is an argument, so that the network itself is a pure function.
+Weights are a dict of tensors with a leading model axis M; ``shapes`` gives their shapes. The random values (the initial
+states of the encoders and the noise of the decoder) are arguments, so the network is a pure function.
 """
 
 from __future__ import annotations
@@ -19,51 +19,45 @@ from motion_gym.predictors.networks.lstm import joined_weights, rolled_out, unro
 from motion_gym.training.program import Weights
 
 TRAJECTORY, GRAPH, NOISE = 32, 32, 16
-"""Units of the trajectory LSTM, of the graph LSTM, and values of noise; together the units of the decoder."""
+"""Units of the trajectory LSTM and of the graph LSTM, and values of noise; their sum is the units of the decoder."""
 DECODER = TRAJECTORY + GRAPH + NOISE
 STATES = 2 * (TRAJECTORY + GRAPH)
-"""Values of the encoders' first states, hidden states and cells."""
+"""Values of the initial hidden states and cells of both encoders."""
 
 
 @dataclass(frozen=True)
 class Draws:
-    """What is random in one forward pass.
+    """The random values of one forward pass.
 
     Attributes:
-        trajectory: h and c of the trajectory LSTM, [M, A, 32] each.
-        graph: h and c of the graph LSTM, [M, A, 32] each.
-        noise: [M, A, 16], the same for the agents of a scene.
+        states: [M, A, 128] initial states of the encoders: h and c of the trajectory LSTM, then of the graph LSTM.
+        noise: [M, A, 16] noise of the decoder, the same for the agents of a scene.
     """
 
-    trajectory: tuple[Tensor, Tensor]
-    graph: tuple[Tensor, Tensor]
+    states: Tensor
     noise: Tensor
 
     @classmethod
     def of(cls, states: Tensor, noise: Tensor, layout: Layout) -> Draws:
-        """From the first states [M, A, 128], in the order of the attributes, and the noise of each scene [M, S, 16]."""
-        h, c, graph_h, graph_c = states.split([TRAJECTORY, TRAJECTORY, GRAPH, GRAPH], dim=-1)
-        return cls((h, c), (graph_h, graph_c), noise.index_select(1, layout.scene))
+        """Draws with initial states [M, A, 128] and the noise of each scene [M, S, 16]."""
+        return cls(states, noise.index_select(1, layout.scene))
 
     def for_models(self, models: int) -> Draws:
-        """The draws of one model for several."""
-        h, c, graph_h, graph_c, noise = (
-            tensor.expand(models, -1, -1).contiguous() for tensor in (*self.trajectory, *self.graph, self.noise)
-        )
-        return Draws((h, c), (graph_h, graph_c), noise)
+        """The same draws for several models."""
+        return Draws(self.states.expand(models, -1, -1), self.noise.expand(models, -1, -1))
 
     @classmethod
     def from_generators(cls, generators: Sequence[torch.Generator], layout: Layout) -> Draws:
-        """Everything from N(0, 1), for each model from its own generator, so that the others are of no account."""
+        """Draws from N(0, 1) with one generator per model, so that models are independent of each other."""
 
         def normal(*shape: int) -> Tensor:
             return torch.stack([torch.randn(*shape, generator=g, device=g.device) for g in generators])
 
-        return cls.of(normal(len(layout.scene), STATES), normal(layout.scenes, NOISE), layout)
+        return cls.of(normal(len(layout.scene), STATES), normal(len(layout.limits) - 1, NOISE), layout)
 
 
 def shapes(features: int) -> dict[str, tuple[int, ...]]:
-    """Shape of every weight without the axis M, for inputs of ``features`` values per step."""
+    """Shape of every weight, without the model axis, for inputs of ``features`` values per step."""
     result: dict[str, tuple[int, ...]] = {}
     for name, inputs, units in (
         ("trajectory", features, TRAJECTORY),
@@ -83,14 +77,14 @@ def shapes(features: int) -> dict[str, tuple[int, ...]]:
 
 
 def initial(features: int, seed: int) -> Weights:
-    """Weights of one model, M = 1.
+    """Initial weights of one model, M = 1, as in the released program.
 
-    Those of an LSTM or linear layer are drawn from U(-1, 1) / sqrt(units or inputs), of attention by Glorot's rule with
-    the gain sqrt(2), all heads counted together, as in the released program.
+    Weights of LSTM and linear layers are drawn from U(-1, 1) / sqrt(units or inputs); those of attention by Glorot's
+    rule with the gain sqrt(2), with fan in and fan out over all heads.
 
     Args:
         features: Values per observed step: 2, or 3 with sigma.
-        seed: Source of all randomness.
+        seed: Seed of all random values.
     """
     generator = torch.Generator().manual_seed(seed)
     units = {"trajectory": TRAJECTORY, "graph": GRAPH, "decoder": DECODER}
@@ -103,7 +97,7 @@ def initial(features: int, seed: int) -> Weights:
         elif kind == "bias":
             bound = 0.0
         else:
-            # Fan in and fan out as torch counts them for three axes: heads, channels (else 1), F.
+            # Fan in and fan out as torch computes them for three axes: heads, channels (or 1), F.
             heads, features = shape[0], shape[-1]
             bound = math.sqrt(2) * math.sqrt(6 / ((shape[1] + heads) * features if kind == "w" else features + heads))
         weights[name] = (torch.rand(1, *shape, generator=generator) * 2 - 1) * bound
@@ -122,12 +116,14 @@ def _linear(x: Tensor, weights: Weights, name: str) -> Tensor:
 def encode_trajectory(steps: Tensor, draws: Draws, weights: Weights) -> Tensor:
     """Hidden states [8, M, A, 32] of the trajectory LSTM over the observed steps [8, A, F]."""
     inputs = steps[:, None].expand(-1, len(draws.noise), -1, -1)
-    return unrolled(inputs, *draws.trajectory, _lstm(weights, "trajectory"))
+    h, c = draws.states[..., : 2 * TRAJECTORY].chunk(2, dim=-1)
+    return unrolled(inputs, h, c, _lstm(weights, "trajectory"))
 
 
 def encode_graph(hidden: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Tensor:
     """Hidden states [8, M, A, 32] of the graph LSTM over the attended trajectory states of each scene."""
-    return unrolled(graph_attention(hidden, layout, weights), *draws.graph, _lstm(weights, "graph"))
+    h, c = draws.states[..., 2 * TRAJECTORY :].chunk(2, dim=-1)
+    return unrolled(graph_attention(hidden, layout, weights), h, c, _lstm(weights, "graph"))
 
 
 def stage1(steps: Tensor, draws: Draws, weights: Weights) -> Tensor:
@@ -146,9 +142,9 @@ def stage3(steps: Tensor, draws: Draws, layout: Layout, weights: Weights, counte
 
     Args:
         steps: [8, A, F] observed displacements, and sigma.
-        draws: What is random.
+        draws: The random values.
         layout: The scenes.
-        weights: Of M models.
+        weights: Weights of M models.
         counterfactual: Subtract, at each step, the state of a second decoder that starts without the trajectory.
     """
     latent = encode(steps, draws, layout, weights)
@@ -162,14 +158,14 @@ def encode(steps: Tensor, draws: Draws, layout: Layout, weights: Weights) -> Ten
 
 
 def decode(latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False) -> Tensor:
-    """Displacements [12, M, A, 2] that the decoder makes of a latent [M, A, 64] and the last displacements [A, 2]."""
+    """Displacements [12, M, A, 2] of the decoder for a latent [M, A, 64] and the last displacements [A, 2]."""
     return decoder_states(latent, last, noise, weights, counterfactual)[0]
 
 
 def decoder_states(
     latent: Tensor, last: Tensor, noise: Tensor, weights: Weights, counterfactual: bool = False
 ) -> tuple[Tensor, Tensor]:
-    """The displacements of ``decode``, and the states [12, M, A, 80] that the last layer maps to them."""
+    """The displacements of ``decode``, and the inputs [12, M, A, 80] of the last layer."""
     h = torch.cat([latent, noise], dim=-1)
     if counterfactual:
         without = torch.cat([torch.zeros_like(latent[..., :TRAJECTORY]), latent[..., TRAJECTORY:], noise], dim=-1)

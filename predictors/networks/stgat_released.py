@@ -1,4 +1,4 @@
-"""Reading the weights of the paper's released program."""
+"""Reads the weights of the paper's released program."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from motion_gym.contract import PredictorError
-from motion_gym.predictors.networks.stgat_network import Weights
+from motion_gym.training.program import Weights
 
 LSTMS = {"traj_lstm_model": "trajectory", "graph_lstm_model": "graph", "pred_lstm_model": "decoder"}
 HEADS = {"traj_hidden2pos": "stage1", "traj_gat_hidden2pos": "stage2", "pred_hidden2pos": "stage3"}
@@ -24,29 +24,29 @@ def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
         Weights of one model (M = 1), and a card.
 
     Raises:
-        PredictorError: the file is missing or damaged, holds anything but tensors and plain values (it is then not
-            opened), or is of another model.
+        PredictorError: the file is missing or damaged, belongs to another model, or holds anything but tensors and
+            plain values (such a file is not opened).
     """
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise PredictorError(f"There is no file {path}.") from None
-    except Exception as error:  # of the library's own types; its text tells how to open the file unsafely
+    except Exception as error:  # torch raises its own types; its message explains how to open the file unsafely
         raise PredictorError(
-            f"{path} was refused: it is damaged, or holds something besides tensors and plain values, which could run "
+            f"{path} was refused: it is damaged, or holds objects other than tensors and plain values, which could run "
             f"code when opened ({type(error).__name__})."
         ) from None
     state = content.get("state_dict") if isinstance(content, dict) else None
     if not isinstance(state, dict):
-        raise PredictorError(f"{path} has no `state_dict`: it is no weight file of the released program.")
+        raise PredictorError(f"{path} has no `state_dict`: it is not a weight file of the released program.")
     tensors: Weights = {}
     for key, value in state.items():
         try:
             name, axes = _released_name(key)
             value = value.float()
             value = value.T if axes == "transposed" else value[..., 0] if axes == "squeezed" else value
-        except Exception:  # whatever the key or the value is
-            raise PredictorError(f"{path}: `{key}` is no tensor of the released program's STGAT.") from None
+        except Exception:  # the key or the value can be anything
+            raise PredictorError(f"{path}: `{key}` is not a tensor of the released program's STGAT.") from None
         if name in tensors:
             raise PredictorError(f"{path} has two tensors for {name}.")
         tensors[name] = value[None].contiguous()
@@ -59,7 +59,7 @@ def import_released(path: str | Path) -> tuple[Weights, dict[str, Any]]:
 
 
 def _released_name(key: str) -> tuple[str, str]:
-    """Our name of a tensor of the released program, and what to do with its axes."""
+    """The name of a tensor in this library, and the operation on its axes: "transposed", "squeezed" or none."""
     module, _, kind = key.rpartition(".")
     if module in LSTMS:
         part, side = kind.split("_")

@@ -1,6 +1,6 @@
 """The network of STGAT with a style: a style encoder for any number of agents, and a modulator.
 
-The parts are those of the paper's two-agent network, around another backbone: z' = f(z, c) + z with z the last states
+The parts are those of the paper's two-agent network with another backbone: z' = f(z, c) + z, where z is the last states
 of both encoders. The style of a scene is the mean code of its pairs of neighbours.
 """
 
@@ -26,12 +26,12 @@ LAYERS: dict[str, tuple[tuple[int, int], ...]] = {
 
 
 def shapes() -> dict[str, tuple[int, ...]]:
-    """Shape of every weight that STGAT has not, without the axis M."""
-    return pair_network.shapes_of(LAYERS)
+    """Shape of every weight beside those of STGAT, without the model axis."""
+    return pair_network.shapes(LAYERS)
 
 
 def initial(features: int, seed: int) -> Weights:
-    """Weights of one model, M = 1; the modulator begins with adding nothing."""
+    """Initial weights of one model, M = 1; the last layer of the modulator is zero."""
     weights = {**stgat_network.initial(features, seed), **pair_network.initial(seed, shapes())}
     last = len(LAYERS["modulator"])
     for name in (f"modulator.weight{last}", f"modulator.bias{last}"):
@@ -40,13 +40,13 @@ def initial(features: int, seed: int) -> Weights:
 
 
 def scene_codes(paths: Tensor, scene: Tensor, scenes: int, weights: Weights) -> Tensor:
-    """Style code [M, S, 8] of each scene, the mean over its pairs; zero where there is no pair.
+    """Style code [M, S, 8] of each scene: the mean over its pairs, or zero without pairs.
 
     Args:
-        paths: [P, 40], as ``neighbour_pairs`` has them.
-        scene: [P] scene of each.
-        scenes: S.
-        weights: Of M models.
+        paths: [P, 40] relative paths of ``NeighbourPairs.paths``.
+        scene: [P] scene of each pair.
+        scenes: Number of scenes S.
+        weights: Weights of M models.
     """
     models = len(weights["style.bias1"])
     codes = layers(paths.expand(models, -1, -1), weights, "style", 1, len(LAYERS["style"]))
@@ -62,6 +62,6 @@ def forecast(steps: Tensor, draws: Draws, layout: Layout, codes: Tensor, weights
 
 
 def modulate(latent: Tensor, codes: Tensor, weights: Weights) -> Tensor:
-    """Add the output of the modulator to a latent [M, A, 64], for codes [M, A or 1, 8]."""
+    """Add the modulator's output for codes [M, A or 1, 8] to a latent [M, A, 64]."""
     joined = torch.cat([latent, codes.expand(len(latent), latent.shape[1], -1)], dim=-1)
     return latent + layers(joined, weights, "modulator", 1, len(LAYERS["modulator"]))

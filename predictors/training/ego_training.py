@@ -1,4 +1,4 @@
-"""How the ego-frame predictors are trained."""
+"""Training of the ego-frame predictors."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import PredictorError, Truth
-from motion_gym.data.windows import digest, pick_scenes
+from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.networks import ego_network
 from motion_gym.predictors.networks.ego_features import FREE, Scenes, kept_distances, scenes_of
 from motion_gym.predictors.settings import optional, whole
-from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs
+from motion_gym.specs import whole_number
+from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs, digests
 
 STYLED = "manoeuvre"
 """Name of the network with a style."""
 RATE = 2e-3
 SHOWN = 64
-"""Scenes that a style is read from in training."""
+"""Number of scenes to read a style from in training."""
 DRAWN = 64
-"""Styles of so many scenes that are drawn from each environment."""
+"""Number of styles, each of ``SHOWN`` random scenes, per environment."""
 NOISE = 0.3
-"""Standard deviation of the logarithm of the factor that half of the distances are disturbed by in the correction."""
+"""Standard deviation of the log of the factor that disturbs half of the distances in training the correction."""
 AT_ONCE = 2000
 """Agents of one forward pass of validation."""
 TRUST = 0.05
-"""Weight of observed scenes at which the networks with and without style have an equal say."""
+"""Weight of the observed scenes at which the networks with and without a style contribute equally."""
 
 
 def distance_and_trust(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -46,16 +46,16 @@ class EgoProgram(Program):
     """Training of the ego-frame networks on a set of environments.
 
     Args:
-        predictor: An ``EgoErm``, which says which networks to train.
-        train: Windows of each environment, complete ones.
-        validation: Windows that weights are selected on, of the same environments in the same order.
-        device: Where to train.
-        epochs: Number of epochs, as a sequence of one; learning rates fall towards 0.
-        agents: Agents of a step, of all environments together.
-        most: Scenes of each environment that are trained on, the first ones; None for all.
+        predictor: An ``EgoErm``, which names the networks to train.
+        train: Complete windows of each environment.
+        validation: Windows for model selection, of the same environments in the same order.
+        device: Device of the tensors.
+        epochs: Number of epochs, as a sequence of one; the learning rates decay to 0.
+        agents: Agents per step, over all environments.
+        most: Train on the first ``most`` scenes of each environment; None for all.
 
     Raises:
-        PredictorError: nothing to train on, or environments without a style to read.
+        PredictorError: a set is empty or not complete, or an environment has no style.
     """
 
     def __init__(
@@ -71,54 +71,50 @@ class EgoProgram(Program):
     ):
         check_complete(train, validation)
         most = optional(whole(1, 10**9))("most", most)
-        train = [pick_scenes(t, slice(0, most)) for t in train]
+        train = [pick_scenes(truth, slice(0, most)) for truth in train]
         self.networks, self.agents, self.device = predictor.networks, whole_number("agents", agents, 1, 10**9), device
         (count,) = check_epochs(predictor.name, epochs, 1)
-        parts = [self._staged(truth) for truth in train]
+        parts = [self._tensors(truth) for truth in train]
         self.scenes = Scenes.join([scenes for scenes, _ in parts])
         self.target = torch.cat([target for _, target in parts])
-        self.environment = torch.repeat_interleave(
-            torch.arange(len(parts), device=device), torch.tensor([len(t) for _, t in parts], device=device)
-        )
-        self.validation = [self._staged(truth) for truth in validation]
-        self.distances, self.seen = torch.zeros(0), np.zeros((len(train), 2))
+        self.environment = torch.arange(len(parts)).repeat_interleave(torch.tensor([len(t) for _, t in parts]))
+        self.environment = self.environment.to(device)
+        self.validation = [self._tensors(truth) for truth in validation]
+        self.styles = np.zeros((len(train), 2))
+        """[E, 2] a style of each environment, for validation."""
         if STYLED in self.networks:
-            self._read_styles(train)
+            drawn = self._draw_styles(train)
+            self.styles = drawn[:, 0]
+            self.distances = torch.tensor(distance_and_trust(drawn)[0], dtype=torch.float32, device=self.device)
         rates = {name: RATE for network in self.networks for name in (network, ego_network.GAINS[network])}
         self.stages = [Stage("forecast", count, rates, selects=True, decays=True)]
-        self.config = {
-            "predictor": predictor.name,
-            "agents": agents,
-            "train": [digest(t) for t in train],
-            "validation": [digest(v) for v in validation],
-        }
+        self.config = {"predictor": predictor.name, "agents": agents, **digests(train, validation)}
 
-    def _staged(self, truth: Truth) -> tuple[Scenes, Tensor]:
-        """Scenes, and the offsets that came true [A, 24]."""
+    def _tensors(self, truth: Truth) -> tuple[Scenes, Tensor]:
+        """Scenes, and the true offsets [A, 24]."""
         scenes, frame = scenes_of(truth.observation)
         target = torch.tensor(frame.into(truth.future.astype(np.float64)), dtype=torch.float32)
         return Scenes(*(value.to(self.device) for value in vars(scenes).values())), target.to(self.device)
 
-    def _read_styles(self, train: Sequence[Truth]) -> None:
-        """Distances [E, D] that are read from draws of scenes of each environment."""
+    @staticmethod
+    def _draw_styles(train: Sequence[Truth]) -> np.ndarray:
+        """Sums [E, D, 2] of ``kept_distances`` over D draws of scenes of each environment."""
         rng = np.random.default_rng(len(train))
         drawn = np.zeros((len(train), DRAWN, 2))
         for number, truth in enumerate(train):
             evidence = kept_distances(truth)
             for draw in range(DRAWN):
-                drawn[number, draw] = evidence[rng.choice(len(evidence), min(SHOWN, len(evidence)), replace=False)].sum(
-                    0
-                )
+                chosen = rng.choice(len(evidence), min(SHOWN, len(evidence)), replace=False)
+                drawn[number, draw] = evidence[chosen].sum(0)
         if (drawn[..., 0] < TRUST).any():
             raise PredictorError(
-                "In some training environment nobody keeps a distance from anybody else, so there is no style to read: "
+                "In some training environment no agents keep a distance from each other, so there is no style to read: "
                 "train `ego_erm`."
             )
-        self.seen = drawn[:, 0]
-        self.distances = torch.tensor(distance_and_trust(drawn)[0], dtype=torch.float32, device=self.device)
+        return drawn
 
     def first(self, seed: int) -> Weights:
-        """First weights of one model, [1, ...]."""
+        """Initial weights of one model, [1, ...]."""
         inputs = {
             "plain": torch.cat([self.scenes.before, self.scenes.during], dim=-1).cpu(),
             "manoeuvre": self.scenes.before.cpu(),
@@ -128,7 +124,7 @@ class EgoProgram(Program):
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
     ) -> Iterator[Tensor]:
-        """Losses [M] of the steps of an epoch, in an order of each model's own; metres."""
+        """Losses [M] of the steps of an epoch, in a random order per model; metres."""
         total = len(self.target)
         order = torch.stack([torch.randperm(total, generator=g, device=self.device) for g in generators])
         size = min(self.agents, total)
@@ -148,7 +144,7 @@ class EgoProgram(Program):
         weights: Weights,
         generators: Sequence[torch.Generator],
     ) -> Tensor:
-        """Of the manoeuvre at the distances read, and of the correction at distances that may be wrong."""
+        """Loss [M] of the manoeuvre at the read distances, plus that of the correction at disturbed distances."""
 
         def normal() -> Tensor:
             return torch.stack([torch.randn(environment.shape[1], generator=g, device=g.device) for g in generators])
@@ -157,19 +153,20 @@ class EgoProgram(Program):
             [torch.randint(DRAWN, environment.shape[1:], generator=g, device=g.device) for g in generators]
         )
         distance = self.distances[environment, draw]
-        whole = torch.cat([scenes.deviation[..., 2 * FREE :], target], dim=-1)
+        path = torch.cat([scenes.deviation[..., 2 * FREE :], target], dim=-1)
         offsets, _ = ego_network.in_style(scenes, distance, weights)
-        wrong = distance * torch.exp(NOISE * normal() * (normal() < 0))
-        _, corrected = ego_network.in_style(scenes, wrong, weights)
-        return ego_network.distance_error(offsets, whole) + ego_network.distance_error(corrected, target)
+        disturbed = distance * torch.exp(NOISE * normal() * (normal() < 0))
+        _, corrected = ego_network.in_style(scenes, disturbed, weights)
+        return ego_network.distance_error(offsets, path) + ego_network.distance_error(corrected, target)
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """ADE [M], metres, mean over the agent-windows of all environments; styles are those of 64 training scenes."""
-        total, count, models = torch.zeros(len(generators), device=self.device), 0, len(generators)
-        for seen, (scenes, target) in zip(self.seen, self.validation, strict=True):
+        """ADE [M], metres, mean over the agent-windows of all environments, with styles of 64 training scenes."""
+        models = len(generators)
+        total, count = torch.zeros(models, device=self.device), 0
+        for style, (scenes, target) in zip(self.styles, self.validation, strict=True):
             for first in range(0, len(target), AT_ONCE):
                 part = slice(first, first + AT_ONCE)
-                offsets = forecast(scenes.take(part).for_models(models), seen, weights)
+                offsets = forecast(scenes.take(part).for_models(models), style, weights)
                 total += ego_network.distance_error(offsets, target[part]) * len(target[part])
             count += len(target)
         return total / count
@@ -181,5 +178,5 @@ def forecast(scenes: Scenes, state: np.ndarray, weights: Weights) -> Tensor:
     if f"{STYLED}.bias1" not in weights:
         return plain
     distance, trust = (float(value) for value in distance_and_trust(state))
-    reach = torch.full(scenes.miss.shape[:2], distance, device=scenes.miss.device)
-    return trust * ego_network.in_style(scenes, reach, weights)[1] + (1 - trust) * plain
+    kept = torch.full(scenes.miss.shape[:2], distance, device=scenes.miss.device)
+    return trust * ego_network.in_style(scenes, kept, weights)[1] + (1 - trust) * plain

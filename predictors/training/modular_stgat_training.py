@@ -1,4 +1,4 @@
-"""How STGAT with a style is trained: the stages of STGAT, then those of the style as for the two-agent network."""
+"""Training of STGAT with a style: the stages of STGAT, then those of the style as for the two-agent network."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from motion_gym.predictors.training.style_loss import style_loss
 from motion_gym.training.program import Weights
 
 SHOWN = 64
-"""Training scenes of an environment that validation reads its style from."""
+"""Number of training scenes of an environment to read its style from in validation."""
 STAGES: tuple[tuple[str, Mapping[str, float]], ...] = (
     ("style", {"style": 1e-3, "head": 1e-2}),
     ("modulator", {"modulator": 1e-3}),
     ("forecast in style", {"decoder": 1e-3, "stage3": 1e-3, "modulator": 1e-3, "style": 5e-4, "head": 1e-2}),
 )
-"""Stages after those of STGAT, and learning rates of Adam; the encoders of the scene stay as they are."""
+"""Stages after those of STGAT, and learning rates of Adam; the scene encoders are frozen."""
 
 
 class Paths:
@@ -39,10 +39,11 @@ class Paths:
         pairs = NeighbourPairs.of(truth)
         self.paths = pairs.paths(whole_paths(truth))
         self.count = np.bincount(pairs.scene, minlength=truth.observation.scenes)
+        """[S] number of pairs of each scene."""
         self.first = np.cumsum(self.count) - self.count
 
     def of(self, scenes: np.ndarray) -> tuple[Tensor, np.ndarray]:
-        """Paths [P, 40] of some scenes, and which of these scenes [P] each belongs to."""
+        """Paths [P, 40] of some scenes, and the index [P] of each path's scene among these scenes."""
         count = self.count[scenes]
         within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         return self.paths[np.repeat(self.first[scenes], count) + within], np.repeat(np.arange(len(scenes)), count)
@@ -56,14 +57,14 @@ class StyledStgatProgram(StgatProgram):
     Args:
         predictor: A ``ModularStgat``.
         train: Windows of each environment.
-        validation: Windows that weights are selected on, of the same environments in the same order.
-        device: Where to train.
-        epochs: Of the six stages.
-        scenes: Scenes of a step, an equal part from each environment.
+        validation: Windows for model selection, of the same environments in the same order.
+        device: Device of the tensors.
+        epochs: Epochs of the six stages.
+        scenes: Scenes per step, an equal part from each environment.
 
     Raises:
         SpecError: a number is not allowed.
-        PredictorError: nothing to train on, one environment alone, or one without neighbours.
+        PredictorError: a set is empty, there is only one environment, or an environment has no neighbours.
     """
 
     further = STAGES
@@ -85,26 +86,23 @@ class StyledStgatProgram(StgatProgram):
                 f"ones to validate on ({len(self.train)} and {len(validation)} were given), or train `erm_no_sigma`."
             )
         if scenes < 2 * len(self.train):
-            raise SpecError(
-                f"`scenes={scenes}` of a step must be two or more of each of {len(self.train)} environments."
-            )
+            raise SpecError(f"`scenes={scenes}` must be at least 2 for each of the {len(self.train)} environments.")
         self.pairs = [Paths(truth) for truth in self.train]
         for number, pairs in enumerate(self.pairs):
             if (pairs.count > 0).sum() < 2:
                 raise PredictorError(
-                    f"Environment {number} of the training set has no scenes of two agents or more who are known over "
-                    "all 20 steps, so that it shows no style: give others, or train `erm_no_sigma`."
+                    f"Environment {number} of the training set has no scenes of two agents or more that are known over "
+                    "all 20 steps, so it has no style: give other scenes, or train `erm_no_sigma`."
                 )
-        self.dt = self.train[0].observation.dt
         self.validation = self._validation(validation)
 
     def first(self, seed: int) -> Weights:
-        """First weights of one model, [1, ...]."""
+        """Initial weights of one model, [1, ...]."""
         return stgat_style.initial(self.features, seed)
 
     def finished(self, weights: Weights) -> Weights:
-        """Weights with the prior of the style, each environment counting the same, and the length of a step."""
-        dt = torch.full((len(weights["style.bias1"]), 1), self.dt)
+        """The weights with the prior of the style, an average with equal weight per environment, and the time step."""
+        dt = torch.full((len(weights["style.bias1"]), 1), self.train[0].observation.dt)
         with torch.no_grad():
             means = [self._mean_code(number, None, weights) for number in range(len(self.train))]
         return {**weights, "prior.code": torch.stack(means).mean(dim=0)[:, 0], "prior.dt": dt}
@@ -118,15 +116,15 @@ class StyledStgatProgram(StgatProgram):
             return
         for parts in self._shuffled(epoch):
             environment = torch.arange(len(parts)).repeat_interleave(torch.tensor([len(s) for _, s in parts]))
-            codes, there = self._codes(parts, weights)
             environment = environment.to(self.device)
+            codes, paired = self._codes(parts, weights)
             loss = torch.zeros(len(codes), device=self.device)
             if stage != 4:
-                loss = self._style_loss(codes, environment, there, weights)
+                loss = self._style_loss(codes, environment, paired, weights)
             if stage > 3:
                 batch = self._batch(parts)
                 total = codes.new_zeros(len(codes), len(parts), codes.shape[2]).index_add(1, environment, codes)
-                count = torch.bincount(environment[there], minlength=len(parts)).clamp(min=1)
+                count = torch.bincount(environment[paired], minlength=len(parts)).clamp(min=1)
                 style = (total / count[:, None])[:, batch.environment]
                 draws = Draws.from_generators(generators, batch.layout)
                 forecast = stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
@@ -142,30 +140,29 @@ class StyledStgatProgram(StgatProgram):
         return stgat_style.forecast(batch.steps, draws, batch.layout, style, weights)
 
     def _mean_code(self, number: int, most: int | None, weights: Weights) -> Tensor:
-        """Mean code [M, 1, 8] of the first scenes of an environment."""
-        shows = np.flatnonzero(self.pairs[number].count)[:most]
-        codes, _ = self._codes([(number, shows)], weights)
+        """Mean code [M, 1, 8] of the first scenes of an environment that have pairs."""
+        scenes = np.flatnonzero(self.pairs[number].count)[:most]
+        codes, _ = self._codes([(number, scenes)], weights)
         return codes.mean(dim=1, keepdim=True)
 
     @staticmethod
-    def _style_loss(codes: Tensor, environment: Tensor, there: Tensor, weights: Weights) -> Tensor:
-        """Style loss [M] of the scenes that show a style, of environments with two or more of them; 0 for one alone."""
-        shown = torch.bincount(environment[there], minlength=len(environment)) > 1
-        there = there & shown[environment]
-        if shown.sum() < 2:
+    def _style_loss(codes: Tensor, environment: Tensor, paired: Tensor, weights: Weights) -> Tensor:
+        """Style loss [M] over scenes with pairs, of environments with at least two; 0 for a single environment."""
+        several = torch.bincount(environment[paired], minlength=len(environment)) > 1
+        if several.sum() < 2:
             return codes.sum(dim=(1, 2)) * 0
-        return style_loss(pair_network.embed(codes[:, there], weights), environment[there])
+        used = paired & several[environment]
+        return style_loss(pair_network.embed(codes[:, used], weights), environment[used])
 
     def _codes(self, parts: Sequence[tuple[int, np.ndarray]], weights: Weights) -> tuple[Tensor, Tensor]:
-        """Codes [M, S, 8] of the scenes of a step, and which of them have pairs [S]."""
-        paths, owners, before = [], [], 0
-        for number, scenes in parts:
-            shown, owner = self.pairs[number].of(scenes)
-            paths.append(shown)
-            owners.append(owner + before)
-            before += len(scenes)
-        scene = torch.from_numpy(np.concatenate(owners))
-        there = torch.bincount(scene, minlength=before) > 0
+        """Codes [M, S, 8] of the scenes of a step, and whether they have pairs, [S] bool."""
+        paths, owners, scenes = [], [], 0
+        for number, chosen in parts:
+            part, owner = self.pairs[number].of(chosen)
+            paths.append(part)
+            owners.append(owner + scenes)
+            scenes += len(chosen)
         device = weights["style.bias1"].device
-        codes = stgat_style.scene_codes(torch.cat(paths).to(device), scene.to(device), before, weights)
-        return codes, there.to(device)
+        scene = torch.from_numpy(np.concatenate(owners)).to(device)
+        codes = stgat_style.scene_codes(torch.cat(paths).to(device), scene, scenes, weights)
+        return codes, torch.bincount(scene, minlength=scenes) > 0

@@ -1,7 +1,7 @@
-"""Training objectives: what to minimise, given the risks of several environments.
+"""Training objectives: losses from the risks of several environments.
 
-All are functions of ``Risks``. Those with a state of their own (the weights of group DRO) keep it in tensors, so that a
-checkpoint holds it.
+All objectives are functions of ``Risks``. The state of an objective, such as the weights of group DRO, is a tensor, so
+that checkpoints hold it.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ import torch
 from torch import Tensor
 
 RELEASED_SCENES = 64
-"""Scenes of a step of the released program, all of one environment."""
+"""Scenes per step of the released program, all of one environment."""
 
 
 @dataclass(frozen=True)
 class Risks:
     """Risks of E environments in one step, for M models.
 
-    The risk of a scene is the squared error of its displacements (x and y summed) over (steps * agents); slopes are
-    derivatives of it by a scale w = 1 that multiplies the displacements.
+    The risk of a scene is the squared error of its displacements (summed over x and y) divided by (steps * agents). Its
+    slope is the derivative with respect to a factor w = 1 on the displacements.
 
     Attributes:
-        value: [E, M] sum of the risks of an environment's scenes.
-        slope: [2, E, M] sum of the slopes of its even and of its odd scenes.
-        scenes: [E] number of its scenes.
+        value: [E, M] sum of the risks over the scenes of each environment.
+        slope: [2, E, M] sums of the slopes over the even and over the odd scenes.
+        scenes: [E] number of scenes.
     """
 
     value: Tensor
@@ -42,7 +42,7 @@ def risks_of(
     Args:
         forecast: [T, M, A, 2] displacements.
         target: [T, A, 2] true displacements.
-        weight: [T, A] 1 / (steps * agents of the scene); 0 where the truth is not known.
+        weight: [T, A] 1 / (steps * agents of the scene); 0 where the ground truth is unknown.
         scene: [A] int64 scene of each agent.
         environment: [A] int64 environment of each agent, 0 to E - 1.
         count: [E] number of scenes of each environment.
@@ -57,19 +57,19 @@ def risks_of(
 
 
 class Objective:
-    """Turns risks into what is minimised."""
+    """Computes a loss from risks."""
 
     joint: ClassVar[bool] = False
-    """Whether a step needs several environments at once."""
+    """Whether each step needs several environments."""
     compares: ClassVar[bool] = True
-    """Whether it means nothing with one environment alone."""
+    """Whether the objective needs at least two environments."""
 
     def start(self, environments: int, models: int, device: torch.device) -> Tensor:
-        """State at the beginning of a stage; empty here."""
+        """Initial state in each stage. The base class has none."""
         return torch.zeros(0, device=device)
 
     def __call__(self, risks: Risks, state: Tensor) -> Tensor:
-        """Losses [M]; may change the state in place."""
+        """Losses [M]; may modify the state in place."""
         raise NotImplementedError
 
 
@@ -85,16 +85,16 @@ class Erm(Objective):
 
 @dataclass(frozen=True)
 class Irm(Objective):
-    """Risks, and for each environment a penalty on the squared slope (the paper's Eq. 3; IRMv1, Arjovsky et al., 2019).
+    """Risks, plus a penalty on each environment's squared slope (the paper's Eq. 3; IRMv1, Arjovsky et al., 2019).
 
     Attributes:
         penalty: Factor lambda of the penalty, >= 0, for sums over 64 scenes of an environment, as in the released
-            program. The penalty grows with their square, the risk with their number: where a step holds fewer scenes,
-            the factor is raised in proportion, so that lambda means the same.
-        unbiased: Take the product of the slopes of the even and of the odd scenes, as the released program does by
-            default, instead of the square of their sum. If the scenes are independent, as in shuffled steps, its mean
-            is a quarter of the square of the mean slope, while noise in the slopes, which shrinking forecasts would
-            lower, adds nothing to it.
+            program. The risk grows with the number of scenes, the penalty with its square. If a step holds fewer
+            scenes, the factor is increased in proportion, so that lambda has the same effect.
+        unbiased: Use the product of the slopes over even and over odd scenes, as the released program does by default,
+            instead of the square of their sum. For independent scenes, as in shuffled steps, its expectation is a
+            quarter of the square of the mean slope, without a term from noise in the slopes, which the training could
+            reduce by shrinking the forecasts.
     """
 
     penalty: float
@@ -110,7 +110,7 @@ class Irm(Objective):
 
 @dataclass(frozen=True)
 class VRex(Objective):
-    """Mean risk, and a penalty on the variance of the environments' mean risks (Krueger et al., ICML 2021).
+    """Mean risk, plus a penalty on the variance of the environments' mean risks (Krueger et al., ICML 2021).
 
     Attributes:
         penalty: Factor beta of the variance, >= 0.
@@ -127,10 +127,10 @@ class VRex(Objective):
 
 @dataclass(frozen=True)
 class GroupDro(Objective):
-    """Mean risks weighted by how bad they are (Sagawa et al., ICLR 2020): the worst environment comes to count most.
+    """Mean risks with adaptive weights that favour the worst environment (group DRO; Sagawa et al., ICLR 2020).
 
     Attributes:
-        rate: Step of the weights, >= 0: each is multiplied by exp(rate * mean risk) and they are made to sum to 1.
+        rate: Step size of the weights, >= 0: each step multiplies them by exp(rate * mean risk) and normalises them.
     """
 
     rate: float

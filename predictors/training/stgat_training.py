@@ -1,4 +1,4 @@
-"""How STGAT is trained: windows as tensors, cut into steps, and the three stages of the released program."""
+"""Training of STGAT: batches of windows as tensors, and the three stages of the released program."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, Observation, PredictorError, Truth
-from motion_gym.data.windows import digest, pick_scenes, stack
+from motion_gym.data.windows import pick_scenes, stack
 from motion_gym.predictors.networks.graph_attention import Layout
-from motion_gym.predictors.networks.stgat_network import Draws, Weights, initial, stage1, stage2, stage3
+from motion_gym.predictors.networks.stgat_network import Draws, initial, stage1, stage2, stage3
 from motion_gym.predictors.training.objectives import Objective, risks_of
-from motion_gym.training.program import Program, Stage, check_epochs
+from motion_gym.specs import whole_number
+from motion_gym.training.program import Program, Stage, Weights, check_epochs, digests
 
 Inputs = Callable[[Observation], np.ndarray]
-"""Turns an Observation into the network's input [8, A, F]."""
+"""Converts an Observation into the network's input [8, A, F]."""
 
 VALIDATED_AT_ONCE = 256
 """Scenes of one forward pass of validation."""
@@ -43,7 +43,7 @@ class Batch:
         layout: The scenes.
         share: [A] 1 / agents of the scene.
         environment: [A] int64 environment of each agent, numbered within the batch.
-        count: [E] scenes of each environment.
+        count: [E] number of scenes of each environment.
     """
 
     steps: Tensor
@@ -56,30 +56,30 @@ class Batch:
 
     @classmethod
     def of(cls, parts: Sequence[Truth], inputs: Inputs, device: torch.device) -> Batch:
-        """Scenes of one environment each."""
+        """A batch of scenes, with one part for each environment."""
+
+        def tensor(array: np.ndarray) -> Tensor:
+            return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=device)
+
         truth = stack(parts)
         observation = truth.observation
         path = np.concatenate([observation.xy[:, -1:], truth.future], axis=1).astype(np.float64)
-        before = np.concatenate([np.ones((len(observation), 1), bool), truth.known[:, :-1]], axis=1)
+        known = truth.known.copy()
+        known[:, 1:] &= truth.known[:, :-1]
         sizes = np.diff(observation.scene)
-        scenes = [part.observation.scenes for part in parts]
-        arrays = (
-            inputs(observation),
-            np.diff(path, axis=1).round(4).transpose(1, 0, 2),
-            (truth.known & before).T,
-            np.repeat(1 / sizes, sizes),
-            np.repeat(np.arange(len(parts)), [len(part.observation) for part in parts]),
-            np.array(scenes),
+        environment = torch.arange(len(parts)).repeat_interleave(torch.tensor([len(p.observation) for p in parts]))
+        return cls(
+            steps=tensor(inputs(observation)),
+            moves=tensor(np.diff(path, axis=1).round(4).transpose(1, 0, 2)),
+            known=tensor(known.T),
+            layout=Layout.of(observation.scene, device),
+            share=tensor(np.repeat(1 / sizes, sizes)),
+            environment=environment.to(device),
+            count=tensor(np.array([part.observation.scenes for part in parts])),
         )
-        kinds = (torch.float32, torch.float32, torch.float32, torch.float32, torch.int64, torch.float32)
-        steps, moves, known, share, environment, count = (
-            torch.as_tensor(np.ascontiguousarray(a), dtype=kind, device=device)
-            for a, kind in zip(arrays, kinds, strict=True)
-        )
-        return cls(steps, moves, known, Layout.of(observation.scene, device), share, environment, count)
 
     def errors(self, moves: Tensor) -> tuple[Tensor, Tensor]:
-        """Sum [M] of the ADE of agents with a known step, metres, of displacements [12, M, A, 2]; and their number."""
+        """Sum [M] of the ADE, metres, over agents with a known step, and their number; moves are [12, M, A, 2]."""
         off = (moves - self.moves[:, None]).cumsum(dim=0).norm(dim=-1) * self.known[:, None]
         known = self.known.sum(dim=0)
         return (off / known.clamp(min=1)).sum(dim=(0, 2)), (known > 0).sum()
@@ -93,17 +93,18 @@ class StgatProgram(Program):
     Args:
         predictor: A ``Stgat``.
         train: Windows of each environment.
-        validation: Windows that weights are selected on: by the ADE of their first forecast, metres.
-        device: Where to train.
-        epochs: Of the stages.
-        scenes: Scenes of a step; where a step holds several environments, an equal part from each.
-        joint: Every step holds scenes of each environment, shuffled; an epoch has as many steps as all scenes together
-            would fill, so that smaller environments are seen more than once. Else a step is of one environment, one
-            comes after the other, nothing is shuffled, and an epoch sees every scene once, as in the released program.
+        validation: Windows for model selection, by the ADE of the first sample, metres.
+        device: Device of the tensors.
+        epochs: Epochs of each stage.
+        scenes: Scenes per step; if a step holds several environments, an equal part from each.
+        joint: If True, each step holds shuffled scenes of all environments. An epoch has as many steps as are needed
+            for all scenes together, so scenes of small environments occur more than once. If False, each step holds
+            scenes of one environment, environments follow one another without shuffling, and an epoch sees each scene
+            once, as in the released program.
 
     Raises:
         SpecError: a number is not allowed.
-        PredictorError: nothing to train on, or one environment for an objective that compares several.
+        PredictorError: a set is empty, or the objective compares environments and there is only one.
     """
 
     further: tuple[tuple[str, Mapping[str, float]], ...] = ()
@@ -130,14 +131,19 @@ class StgatProgram(Program):
         train = [truth for truth in train if truth.observation.scenes]
         if len(train) < 2 and objective.compares:
             raise PredictorError(
-                f"The objective {type(objective).__name__} compares environments, and the training set has one alone: "
+                f"The objective {type(objective).__name__} compares environments, but the training set has one alone: "
                 "give at least two, one Truth for each, or train `erm`."
             )
-        self.train, self.inputs, self.objective, self.device = train, predictor._inputs, objective, device
+        self.train, self.inputs, self.objective, self.device = train, predictor.inputs, objective, device
         self.features, self.counterfactual = predictor.features, predictor.counterfactual
         self.joint = joint or objective.joint
         self.validation = self._validation([stack([v for v in validation if v.observation.scenes])])
-        self.staged: list[Batch] = []
+        self.in_turn = [
+            self._batch([(number, np.arange(first, min(first + self.scenes, truth.observation.scenes)))])
+            for number, truth in enumerate([] if self.joint else train)
+            for first in range(0, truth.observation.scenes, self.scenes)
+        ]
+        """The steps of every epoch that is not joint."""
         self.stages = [
             Stage(name, count, rates, selects=number == len(stages))
             for number, (count, (name, rates)) in enumerate(zip(epochs, stages, strict=True), 1)
@@ -148,27 +154,26 @@ class StgatProgram(Program):
             **vars(objective),
             "features": self.features,
             "counterfactual": self.counterfactual,
-            # Not those of the last stage: a training can be resumed to go on for longer.
+            # Without the last stage: a resumed training may have more epochs in it.
             "epochs_before": list(epochs[:-1]),
             "scenes": scenes,
             "joint": self.joint,
-            "train": [digest(t) for t in train],
-            "validation": [digest(v) for v in validation],
+            **digests(train, validation),
         }
 
     def first(self, seed: int) -> Weights:
-        """First weights of one model, [1, ...]."""
+        """Initial weights of one model, [1, ...]."""
         return initial(self.features, seed)
 
     def state(self, models: int) -> Tensor:
-        """State of the objective."""
+        """Initial state of the objective."""
         return self.objective.start(len(self.train), models, self.device)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
     ) -> Iterator[Tensor]:
         """Losses [M] of the steps of an epoch."""
-        for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self._in_turn():
+        for batch in map(self._batch, self._shuffled(epoch)) if self.joint else self.in_turn:
             draws = Draws.from_generators(generators, batch.layout)
             if stage == 2:
                 output = stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
@@ -183,7 +188,7 @@ class StgatProgram(Program):
             yield self.objective(risks, state)
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """ADE [M] of the first forecast, metres, mean over the agent-windows of all environments."""
+        """ADE [M] of the first sample, metres, mean over the agent-windows of all environments."""
         total = torch.zeros(len(generators), device=self.device)
         count = torch.zeros((), device=self.device)
         for environment, batch in self.validation:
@@ -194,29 +199,19 @@ class StgatProgram(Program):
         return total / count
 
     def _forecast(self, batch: Batch, draws: Draws, environment: int, weights: Weights) -> Tensor:
-        """Displacements [12, M, A, 2] of validation windows of an environment."""
+        """Displacements [12, M, A, 2] for validation windows of an environment."""
         return stage3(batch.steps, draws, batch.layout, weights, self.counterfactual)
 
-    def _in_turn(self) -> list[Batch]:
-        """Steps of every epoch, each of one environment; computed once."""
-        if not self.staged:
-            size = self.scenes
-            for number, truth in enumerate(self.train):
-                total = truth.observation.scenes
-                for first in range(0, total, size):
-                    self.staged.append(self._batch([(number, np.arange(first, min(first + size, total)))]))
-        return self.staged
-
     def _shuffled(self, epoch: int) -> Iterator[list[tuple[int, np.ndarray]]]:
-        """Scenes of each environment for each step of an epoch; the order depends on the epoch alone."""
+        """Environment and scenes for each step of a joint epoch; the order depends only on the epoch."""
         sizes = [truth.observation.scenes for truth in self.train]
         each = max(self.scenes // len(sizes), 1)
         steps = -(-sum(sizes) // self.scenes)
         rng = np.random.default_rng([epoch, len(sizes)])
-        orders = []
-        for size in sizes:
-            rounds = -(-steps * each // size)
-            orders.append(np.concatenate([rng.permutation(size) for _ in range(rounds)]))
+        orders = [
+            np.concatenate([rng.permutation(size) for _ in range(0, steps * each, size)])  # repeated as often as needed
+            for size in sizes
+        ]
         for step in range(steps):
             part = slice(step * each, (step + 1) * each)
             yield [(number, order[part]) for number, order in enumerate(orders)]
@@ -226,7 +221,7 @@ class StgatProgram(Program):
         return Batch.of(truths, self.inputs, self.device)
 
     def _validation(self, truths: Sequence[Truth]) -> list[tuple[int, Batch]]:
-        """Batches of windows, each with the number of its truth."""
+        """Batches of windows, each with the index of its Truth."""
         return [
             (number, Batch.of([pick_scenes(truth, slice(first, first + VALIDATED_AT_ONCE))], self.inputs, self.device))
             for number, truth in enumerate(truths)

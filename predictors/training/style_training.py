@@ -1,4 +1,4 @@
-"""How the two-agent network is trained: the stages of the released program."""
+"""Training of the two-agent network: the stages of the released program."""
 
 from __future__ import annotations
 
@@ -9,18 +9,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, PredictorError, Truth
-from motion_gym.data.windows import digest, pick_scenes
+from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.networks import pair_network
-from motion_gym.predictors.networks.pair_network import AGENTS, Pairs
+from motion_gym.predictors.networks.pair_network import AGENTS, PLAIN, Pairs
 from motion_gym.predictors.settings import optional, whole
 from motion_gym.predictors.training.objectives import Erm, Objective, risks_of
 from motion_gym.predictors.training.style_loss import style_loss
-from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs
+from motion_gym.specs import whole_number
+from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs, digests
 
-PLAIN = ("encoder", "decoder")
-"""Parts of the network without style."""
 RATES: Mapping[str, float] = {"encoder": 1e-3, "decoder": 1e-3, "style": 5e-4, "modulator": 1e-2, "head": 1e-2}
 """Learning rates of Adam."""
 STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -29,11 +27,11 @@ STAGES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("modulator", ("modulator",)),
     ("forecast in style", ("decoder", "modulator", "style", "head")),
 )
-"""Name of each stage, and what is trained in it."""
+"""Name of each stage, and the parts that it trains."""
 
 
 def mean_code(environments: Sequence[Pairs], weights: Weights) -> Tensor:
-    """Mean style code [M, 8] of environments, each counting the same; on the CPU."""
+    """Mean style code [M, 8] of environments, each with equal weight; on the CPU."""
     with torch.no_grad():
         means = [pair_network.code(pairs.path.cpu(), weights).mean(dim=1) for pairs in environments]
     return torch.stack(means).mean(dim=0)
@@ -46,18 +44,18 @@ class StyleProgram(Program):
     the mean code of its own scenes.
 
     Args:
-        predictor: A ``StyleErm``; one with a style has four stages.
+        predictor: A ``StyleErm``; a predictor with a style has four stages.
         train: Windows of each environment, of two agents each.
-        validation: Windows that weights are selected on, of the same environments in the same order.
-        device: Where to train.
-        epochs: Of the stages; by default those of the released program.
-        scenes: Scenes of each environment in a step.
-        most: Scenes of each environment that are trained on, the first ones; None for all.
+        validation: Windows for model selection, of the same environments in the same order.
+        device: Device of the tensors.
+        epochs: Epochs of each stage; by default those of the released program.
+        scenes: Scenes of each environment per step.
+        most: Train on the first ``most`` scenes of each environment; None for all.
 
     Raises:
         SpecError: a number is not allowed.
-        PredictorError: nothing to train on, scenes of another number of agents than two, or one environment alone
-            where several are compared.
+        PredictorError: a set is empty or not complete, a scene does not have two agents, or there is only one
+            environment and training compares environments.
     """
 
     def __init__(
@@ -78,10 +76,10 @@ class StyleProgram(Program):
         check_complete(train, validation)
         if len(train) < 2 and (self.objective.compares or self.styled):
             raise PredictorError(
-                "Training compares environments (the objective, or the style loss), and the training set has one "
+                "Training compares environments (the objective, or the style loss), but the training set has one "
                 "alone: give at least two, one Truth for each, or train `style_erm`."
             )
-        train = [pick_scenes(t, slice(0, most)) for t in train]
+        train = [pick_scenes(truth, slice(0, most)) for truth in train]
         fewest = min(truth.observation.scenes for truth in train)
         if fewest < scenes:
             raise PredictorError(
@@ -98,16 +96,16 @@ class StyleProgram(Program):
             "predictor": predictor.name,
             "objective": type(self.objective).__name__,
             **vars(self.objective),
-            # Not those of the last stage: a training can be resumed to go on for longer.
+            # Without the last stage: a resumed training may have more epochs in it.
             "epochs_before": list(epochs[:-1]),
             "scenes": scenes,
-            "train": [digest(t) for t in train],
-            "validation": [digest(v) for v in validation],
+            **digests(train, validation),
         }
 
     def first(self, seed: int) -> Weights:
-        """First weights of one model, [1, ...]."""
-        return pair_network.initial(seed, pair_network.shapes() if self.styled else pair_network.shapes(PLAIN))
+        """Initial weights of one model, [1, ...]."""
+        parts = pair_network.LAYERS if self.styled else {part: pair_network.LAYERS[part] for part in PLAIN}
+        return pair_network.initial(seed, pair_network.shapes(parts))
 
     def finished(self, weights: Weights) -> Weights:
         """The trained weights, with the prior of the style and the time step."""
@@ -117,13 +115,13 @@ class StyleProgram(Program):
         return {**weights, "prior.code": mean_code(self.train, weights), "prior.dt": dt}
 
     def state(self, models: int) -> Tensor:
-        """State of the objective."""
+        """Initial state of the objective."""
         return self.objective.start(len(self.train), models, self.device)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int
     ) -> Iterator[Tensor]:
-        """Losses [M] of the steps of an epoch: as many scenes of each environment, in an order of the epoch alone."""
+        """Losses [M] of the steps of an epoch: equally many scenes per environment, in an order of the epoch alone."""
         rng = np.random.default_rng([epoch, len(self.train)])
         shuffled = [pairs.take(torch.from_numpy(rng.permutation(len(pairs))).to(self.device)) for pairs in self.train]
         size = self.scenes
@@ -158,12 +156,12 @@ class StyleProgram(Program):
         return loss + (self.objective if stage == 0 else Erm())(risks, state)
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """ADE [M], metres, mean over the agent-windows of all environments; styles are those of 64 training scenes."""
+        """ADE [M], metres, mean over the agent-windows of all environments, with styles of 64 training scenes."""
         total, count = torch.zeros(len(generators), device=self.device), 0
-        for seen, pairs in zip(self.train, self.validation, strict=True):
+        for source, pairs in zip(self.train, self.validation, strict=True):
             codes = None
             if self.styled:
-                codes = pair_network.code(seen.path[: self.scenes], weights).mean(dim=1, keepdim=True)
+                codes = pair_network.code(source.path[: self.scenes], weights).mean(dim=1, keepdim=True)
             total += pairs.errors(pair_network.forecast(pairs.history, codes, weights)).sum(dim=(1, 2))
             count += AGENTS * len(pairs)
         return total / count

@@ -1,4 +1,4 @@
-"""How a trained modular predictor is tuned to a new style on a few scenes of it, all seeds in one pass."""
+"""Training of a modular predictor on a few scenes of a new style, all seeds in one pass."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "modulator": ("modulator",),
     "last_layer": ("decoder.weight4", "decoder.bias4"),
 }
-"""Weights that are tuned: everything; all but the scene encoder (psi, f, g of the paper); f alone; the last layer."""
+"""Tunable weights: all; all but the scene encoder (psi, f, g of the paper); f alone; the last layer."""
 BATCH = 64
-"""Scenes of a step; the style of a step is the mean code of its own scenes."""
+"""Scenes per step; the style of a step is the mean code of its own scenes."""
 
 
 class TransferProgram(Program):
     """Training of some parts on a few scenes of one environment.
 
     Args:
-        weights: To begin with, [M, ...].
-        scenes: Of the new style, a multiple of 64.
+        weights: Initial weights, [M, ...].
+        scenes: Scenes of the new style, a multiple of 64.
         sources: Training windows of each source.
-        parts: What is tuned, see ``PARTS``.
+        parts: Weights to tune, see ``PARTS``.
         epochs: Passes over the scenes.
         rate: Learning rate.
         style_weight: Factor of the style loss.
-        target: Scenes that the epoch is selected on; None for the last one.
+        target: Scenes for model selection; None to use the last epoch.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class TransferProgram(Program):
         self.config = {"parts": parts, "style_weight": style_weight}
 
     def initial(self, seeds: Sequence[int]) -> Weights:
-        """A copy of the weights."""
+        """A copy of the initial weights."""
         return {name: value.clone() for name, value in self.begin.items()}
 
     def losses(
@@ -68,24 +68,24 @@ class TransferProgram(Program):
         """Losses [M] of the steps of an epoch."""
         rng = np.random.default_rng([epoch, len(self.pairs)])
         for index in rng.permutation(len(self.pairs)).reshape(-1, BATCH):
-            own = self.pairs.take(torch.from_numpy(index))
-            compared = [own]
+            batch = self.pairs.take(torch.from_numpy(index))
+            compared = [batch]
             if self.style_weight:
-                few = (torch.from_numpy(rng.choice(len(s), min(BATCH, len(s)), False)) for s in self.sources)
-                compared += [source.take(index) for source, index in zip(self.sources, few, strict=True)]
+                for source in self.sources:
+                    chosen = rng.choice(len(source), min(BATCH, len(source)), False)
+                    compared.append(source.take(torch.from_numpy(chosen)))
             codes = pair_network.code(torch.cat([part.path for part in compared]), weights)
-            mean = codes[:, :BATCH].mean(dim=1, keepdim=True)
-            off = pair_network.forecast(own.history, mean, weights) - own.moves
+            style = codes[:, :BATCH].mean(dim=1, keepdim=True)
+            off = pair_network.forecast(batch.history, style, weights) - batch.moves
             loss = (off * off).sum(dim=(1, 2)) / (AGENTS * FUTURE)
             if self.style_weight:
-                environment = torch.arange(len(compared)).repeat_interleave(
-                    torch.tensor([len(part) for part in compared])
-                )
+                sizes = torch.tensor([len(part) for part in compared])
+                environment = torch.arange(len(compared)).repeat_interleave(sizes)
                 loss = loss + self.style_weight * style_loss(pair_network.embed(codes, weights), environment)
             yield loss
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
-        """ADE [M] on the target's scenes, metres; the style is that of the scenes tuned on."""
+        """ADE [M] on the scenes for model selection, metres, in the style of the tuned scenes."""
         if self.target is None:
             raise RuntimeError("A transfer without a target selects nothing.")
         codes = pair_network.code(self.pairs.path, weights).mean(dim=1, keepdim=True)

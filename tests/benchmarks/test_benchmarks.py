@@ -57,14 +57,14 @@ def test_unknown_names_are_refused():
 
 @pytest.mark.parametrize("name", running.BENCHMARKS)
 def test_every_run_is_stored_and_is_of_the_present_weights_data_and_versions(name):
-    def nothing(done, of, what):
-        raise AssertionError(f"{what} is missing in the packed runs")
+    def nothing(done, total, label):
+        raise AssertionError(f"{label} is missing in the packed runs")
 
     results = running.run(name, report=nothing)
-    assert not results.missing
+    assert not results.runner.missing
     chosen = running.benchmark(name)
     assert len(results.parts) == len(chosen.parts) and len(results.studies) == len(chosen.studies)
-    assert all(run["provenance"]["commit"] for run in results.kept.runs.values())
+    assert all(run["provenance"]["commit"] for run in results.runner.store.runs.values())
 
 
 def test_all_that_is_stored_is_small():
@@ -78,8 +78,7 @@ def test_a_random_sample_of_stored_runs_is_computed_again(eth_ucy, name):
     jobs = [(part, *run) for part in running.benchmark(name).parts for run in part.runs() if "univ" not in part.title]
     part, predictor, column = rng.choice(jobs)
     stored = Store(name).find(part.identity(predictor, column))
-    draws = stored.get("reference_draws", 1)
-    card = motion_gym.evaluate(predictor, part.domain(column), reference_draws=draws, **part.options(column))
+    card = motion_gym.evaluate(predictor, part.domain(column), **part.options(column))
     for metric in ("ADE", "FDE"):
         assert card.metrics[metric].mean == pytest.approx(stored["metrics"][metric]["mean"], abs=TOLERANCE), predictor
 
@@ -104,7 +103,7 @@ def test_a_row_is_left_out_and_named_where_a_run_is_missing(tmp_path, monkeypatc
     full.pack(tmp_path)
     monkeypatch.setattr(running, "Store", lambda name, folder: Store(name, folder, shipped=tmp_path))
     results = running.run("baselines", only=["stand_still"])
-    assert list(results.missing) == ["linear (Simulated crowds)"]
+    assert list(results.runner.missing) == [("Simulated crowds", "linear")]
     rows = [row[0] for row in pages.short(results)[0].rows]
     assert "linear" not in rows and "constant_velocity" in rows
 

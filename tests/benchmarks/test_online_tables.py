@@ -52,8 +52,8 @@ def test_a_first_passage_is_no_recovery():
 
 
 def test_recovery_is_not_read_from_trailing_means_nor_from_short_phases():
-    old = result(("a", 0.1, 60), ("b", 0.3, 70), after=[0.1, 0.1])
-    assert online_scores.recovered([old], [old]) == "not stored"
+    reached = result(("a", 0.1, 60), ("b", 0.3, 70), after=[0.1, 0.1], blocks=[])
+    assert online_scores.recovered([reached], [reached]) == "censored (phase below 600)"
     short = phase(*[0.2] * 5)
     assert online_scores.recovered([short], [short]) == "censored (phase below 600)"
     assert online_scores.recovered([ORACLE_PHASE], None) == "-"
@@ -82,7 +82,9 @@ def rows():
     stream = motion_gym.stream(["orca:d=0.3,scenes=150", "orca:d=0.6,scenes=150"], frames=1400, seed=0)
     runs = {"kalman": motion_gym.adapter("kalman", SOURCE), "none": motion_gym.adapter("none", SOURCE)}
     runs |= {"constant_velocity": motion_gym.predictor("constant_velocity")}
-    return {row: [{"row": row, **motion_gym.evaluate_online(p, stream).as_dict()}] for row, p in runs.items()}
+    identity = {"scoring_version": 1}
+    cards = {row: motion_gym.evaluate_online(p, stream).as_dict() for row, p in runs.items()}
+    return {row: [{"row": row, "identity": identity, **card}] for row, card in cards.items()}
 
 
 SOURCE = "modular_invariant:weights=style,seed=0"

@@ -14,7 +14,9 @@ import pytest
 import motion_gym
 from motion_gym.benchmarks import store as stores
 from motion_gym.benchmarks.identity import windows_identity
-from motion_gym.benchmarks.store import Store, problem_of, read_folder
+from motion_gym.benchmarks.jobs import Job, Runner
+from motion_gym.benchmarks.run_schema import problem_of
+from motion_gym.benchmarks.store import Store, read_folder
 from motion_gym.contract import DataError
 from motion_gym.scoring.evaluation import evaluate
 
@@ -28,10 +30,13 @@ class Standing:
         return np.repeat(observation.xy[:, None, None, -1], 12, axis=2)
 
 
-def scored(kept, predictor="stand_still", domain=CROWD, **options):
+def scored(store, predictor="stand_still", domain=CROWD, **options):
+    """The run of a score; computed and written if the store has none."""
     identity = windows_identity(predictor, domain, **options)
     options.pop("session", None)
-    return kept.get(identity, lambda: evaluate(predictor, domain, **options).as_dict())
+    job = Job("", (), "row", "", [identity], lambda: [evaluate(predictor, domain, **options).as_dict()])
+    (runs,) = Runner(store).rows([job]).values()
+    return runs[0]
 
 
 def only(folder):
@@ -106,7 +111,7 @@ def test_a_run_is_computed_again_when_what_determines_it_changed(tmp_path, monke
     elif changed == "data":
         monkeypatch.setattr(type(domain), "engine", 2)
     else:
-        monkeypatch.setattr(f"{identity}.SCORING_VERSION", 2)
+        monkeypatch.setattr(f"{identity}.SCORING_VERSION", before["scoring_version"] + 1)
     assert kept.find(windows_identity(predictor, CROWD.replace())) is None
 
 
@@ -192,7 +197,7 @@ def test_packed_runs_are_the_same_and_their_small_files_go(tmp_path):
     scored(kept, "linear")
     own = scored(kept, Standing(), session="a")
     runs = dict(kept.runs)
-    (path,) = kept.pack(tmp_path)
+    path = kept.pack(tmp_path)
     first = path.read_bytes()
     assert [json.loads(p.read_text()) for p in folder.glob("*.json")] == [own]
     with warnings.catch_warnings():
@@ -202,14 +207,6 @@ def test_packed_runs_are_the_same_and_their_small_files_go(tmp_path):
     os.utime(path)
     again.pack(tmp_path)
     assert path.read_bytes() == first  # no time in it
-
-
-def test_metrics_of_a_deterministic_predictor_are_packed_once(tmp_path):
-    kept = Store("small", tmp_path / "small", shipped=tmp_path / "nowhere")
-    run = scored(kept, k=20)
-    kept.pack(tmp_path)
-    line = stores._lines(tmp_path / "small.jsonl.xz")[0]
-    assert line["metrics"]["minADE_20"] == "ADE" and run["metrics"]["minADE_20"] == run["metrics"]["ADE"]
 
 
 def test_a_damaged_packed_file_is_an_error_that_names_it(tmp_path):
@@ -234,17 +231,17 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path):
         from pathlib import Path
         import motion_gym
         from motion_gym.benchmarks.identity import windows_identity
+        from motion_gym.benchmarks.jobs import Job, Runner
         from motion_gym.benchmarks.store import Store
-        from motion_gym.data.storage import StorageError
         domain = motion_gym.domain("orca", d=0.6, scenes=30)
         domain.windows("test")  # cached while there was room
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
-        kept, identity = Store(None, Path(sys.argv[1])), windows_identity("stand_still", domain)
-        try:
-            kept.get(identity, lambda: motion_gym.evaluate("stand_still", domain).as_dict())
-        except StorageError as error:
-            print(error, kept.find(identity)["metrics"]["ADE"]["mean"] > 0)
+        store, identity = Store(None, Path(sys.argv[1])), windows_identity("stand_still", domain)
+        runner = Runner(store)
+        compute = lambda: [motion_gym.evaluate("stand_still", domain).as_dict()]
+        runner.rows([Job("", (), "", "", [identity], compute)])
+        print(*runner.unwritten, store.find(identity)["metrics"]["ADE"]["mean"] > 0)
     """
     message = python(code, tmp_path / "out", cwd=tmp_path)
     assert "could not be written: File too large" in message and "stand_still--orca" in message
@@ -258,11 +255,13 @@ def test_a_killed_sweep_leaves_whole_files_and_goes_on(tmp_path):
         from pathlib import Path
         import motion_gym
         from motion_gym.benchmarks.identity import windows_identity
+        from motion_gym.benchmarks.jobs import Job, Runner
         from motion_gym.benchmarks.store import Store
-        kept = Store(None, Path(sys.argv[1]))
+        runner = Runner(Store(None, Path(sys.argv[1])))
         for d in (0.1, 0.2, 0.3, 0.4, 0.5):
             place = motion_gym.domain("orca", d=d, scenes=10)
-            kept.get(windows_identity("linear", place), lambda: motion_gym.evaluate("linear", place).as_dict())
+            compute = lambda: [motion_gym.evaluate("linear", place).as_dict()]
+            runner.rows([Job("", (), "", "", [windows_identity("linear", place)], compute)])
             print(d, flush=True)
     """
     process = subprocess.Popen(

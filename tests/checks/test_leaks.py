@@ -192,6 +192,18 @@ def test_a_domain_that_keeps_its_recordings_is_probed_and_stays_as_it_was():
     assert keeps.windows("test") is before and keeps.recordings("test") is held
 
 
+def test_the_order_of_earlier_versions_works_and_warns():
+    street = Street()
+    new = leak_probe(Recalls(), street)
+    for arguments in ((street, Recalls()), (street,)):
+        with pytest.warns(DeprecationWarning, match=r"leak_probe\(predictor, domain\)"):
+            old = leak_probe(*arguments)
+        assert old.domain == new.domain and old.ok
+    assert leak_probe(predictor=Recalls(), domain=street) == new
+    with pytest.raises(SpecError, match="needs a domain"):
+        leak_probe("linear")
+
+
 def test_arguments_are_not_changed():
     domain, predictor = Orca(scenes=20), Recalls()
     predictor.errors = [1.0]

@@ -33,8 +33,8 @@ TRAINING = {
 
 
 @pytest.fixture
-def data_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eth_ucy: None) -> Path:
-    """A data folder whose files may be changed."""
+def copied_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eth_ucy: None) -> Path:
+    """A copy of the data folder, whose files may be changed."""
     shutil.copytree(data_folder() / "eth_ucy", tmp_path / "eth_ucy")
     monkeypatch.setenv("MOTION_GYM_DATA", str(tmp_path))
     return tmp_path / "eth_ucy"
@@ -54,13 +54,13 @@ def test_test_windows_are_the_published_ones(eth_ucy, place, windows, agent_wind
 
 
 def test_training_windows_are_the_published_ones(eth_ucy):
-    found = {
+    result = {
         recording.name: (windows.observation.scenes, len(windows.observation))
         for place in make("eth").sources()
         for recording in place.recordings("train")
         if (windows := windows_of([recording], min_agents=2))
     }
-    assert found == TRAINING
+    assert result == TRAINING
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -137,18 +137,18 @@ def test_crossed_design_gives_every_place_every_alpha():
         ("zara2", ["eth", "hotel", "univ"]),
     ],
 )
-def test_sources_by_location_never_look_at_the_same_ground(place, expected):
+def test_sources_by_location_show_other_ground(place, expected):
     assert [s.name for s in make(place).sources(by="location")] == expected
 
 
 @pytest.mark.parametrize("wrong", [{"design": "crosed"}, {"by": "locatoin"}])
-def test_unknown_way_to_choose_sources(wrong):
+def test_unknown_options_of_sources_are_refused(wrong):
     with pytest.raises(SpecError, match=r"Did you mean `(crossed|location)`"):
         make("eth").sources(**wrong)
 
 
 def slow_sigma(track, alpha, power):
-    """The stated formula, in plain Python, for one agent: 20 positions in, 8 values out."""
+    """The formula of sigma in plain Python, for one agent: from 20 positions to 8 values."""
     velocity = [(0.0, 0.0)]
     for (x0, y0), (x1, y1) in itertools.pairwise(track):
         velocity.append((round(x1 - x0, 4), round(y1 - y0, 4)))
@@ -161,8 +161,8 @@ def slow_sigma(track, alpha, power):
 
 
 @pytest.mark.parametrize(("curvature", "power"), [("norm", 1), ("squared", 2)])
-@pytest.mark.parametrize("place", ["eth", "zara1"])  # of 2 decimals, and of more
-def test_sigma_is_the_stated_formula(eth_ucy, place, curvature, power):
+@pytest.mark.parametrize("place", ["eth", "zara1"])  # data with 2 decimals, and with more
+def test_sigma_equals_its_formula(eth_ucy, place, curvature, power):
     domain = make(place, alpha=8, curvature=curvature)
     rows = {}
     for recording in domain.recordings("test"):
@@ -180,7 +180,7 @@ def test_sigma_is_the_stated_formula(eth_ucy, place, curvature, power):
     assert np.abs(sigma(domain) - np.array(expected)).max() < 1e-4  # float32 of values up to about 50
 
 
-def test_first_sigma_tells_the_first_future_step(eth_ucy):
+def test_the_first_sigma_reveals_the_first_future_step(eth_ucy):
     truth = make("eth:alpha=64").windows("test")
     step = np.linalg.norm(truth.future[:, 0] - truth.observation.xy[:, -1], axis=1)
     assert np.abs(truth.observation.history[:, 0, 2] / 64 - 1 - step).max() < 2e-4  # displacements have 4 decimals
@@ -208,16 +208,16 @@ def test_only_the_papers_sigma_reads_the_future(eth_ucy, kind, reads_on):
     assert domain.card.features == ("x", "y", "sigma")
 
 
-def test_sigma_from_the_past_is_the_stated_change_of_velocity(eth_ucy):
+def test_sigma_from_the_past_equals_its_formula(eth_ucy):
     truth = make("eth", alpha=4, sigma="past").windows("test")
     xy = truth.observation.xy.astype(float)
-    for track, found in zip(xy, truth.observation.history[..., 2], strict=True):
+    for track, result in zip(xy, truth.observation.history[..., 2], strict=True):
         velocity = [(round(b[0] - a[0], 4), round(b[1] - a[1], 4)) for a, b in itertools.pairwise(track)]
         change = [0.0, 0.0] + [math.dist(a, b) for a, b in itertools.pairwise(velocity)]
-        assert found == pytest.approx([4 * (c + 1) for c in change], abs=2e-3)
+        assert result == pytest.approx([4 * (c + 1) for c in change], abs=2e-3)
 
 
-def test_reference_scenes_are_not_tested(eth_ucy):
+def test_reference_scenes_are_excluded_from_test(eth_ucy):
     whole = make("zara1")
     domain = make("zara1", reference_share=0.3)
     ((reference,), (test,), (all_of_it,)) = (
@@ -244,7 +244,7 @@ def test_stride_and_min_agents_choose_windows(eth_ucy):
     assert all(row.tobytes() in rows for row in third.future)
 
 
-def test_windows_cannot_be_changed_by_those_who_get_them(eth_ucy):
+def test_windows_are_read_only(eth_ucy):
     truth = make("eth").windows("test")
     with pytest.raises(ValueError, match="read-only"):
         truth.future[0] = 0
@@ -286,7 +286,7 @@ def test_unknown_split_is_refused(eth_ucy):
         make("eth").windows("tset")
 
 
-def test_missing_data_says_what_to_do(tmp_path, monkeypatch):
+def test_missing_data_names_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setenv("MOTION_GYM_DATA", str(tmp_path))
     with pytest.raises(DataError) as caught:
         make("univ").windows("test")
@@ -297,8 +297,8 @@ def test_missing_data_says_what_to_do(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("damage", "what"), [(lambda b: b[: len(b) // 2], "truncated"), (lambda b: b.replace(b"8.46", b"8.47"), "edited")]
 )
-def test_damaged_file_is_named_with_a_remedy(data_of_its_own, damage, what):
-    path = data_of_its_own / "biwi_eth.txt"
+def test_damaged_file_is_named_with_a_remedy(copied_data, damage, what):
+    path = copied_data / "biwi_eth.txt"
     content = path.read_bytes()
     assert damage(content) != content
     path.write_bytes(damage(content))
@@ -306,13 +306,13 @@ def test_damaged_file_is_named_with_a_remedy(data_of_its_own, damage, what):
         make("eth").windows("test")
     for part in (str(path), "is damaged", what, "data fetch eth_ucy"):
         assert part in str(caught.value)
-    # The other places do not read it, except as a source.
+    # Other places read this file only for a source.
     assert make("hotel").windows("test").observation.scenes == 301
 
 
-def test_file_damaged_after_it_was_read_is_found(data_of_its_own):
+def test_a_file_damaged_after_reading_is_detected(copied_data):
     make("zara1").windows("test")
-    path = data_of_its_own / "crowds_zara01.txt"
+    path = copied_data / "crowds_zara01.txt"
     path.write_bytes(path.read_bytes().replace(b"1", b"2", 1))
     os.utime(path)
     with pytest.raises(DataError, match=r"crowds_zara01\.txt is damaged"):

@@ -45,7 +45,7 @@ def digest(array):
 
 
 @pytest.mark.parametrize(("d", "ade"), [(0.1, 0.042), (0.3, 0.191), (0.6, 0.429)])
-def test_constant_velocity_errs_as_on_the_released_scenes(d, ade):
+def test_constant_velocity_has_the_error_of_the_released_scenes(d, ade):
     assert evaluate("constant_velocity", "orca", d=d).metrics["ADE"].mean == pytest.approx(ade, rel=0.03)
 
 
@@ -87,13 +87,13 @@ def test_scenes_that_end_too_near_a_goal_are_dropped():
 
 
 def test_every_style_has_the_same_starts():
-    # Before the agents see each other, at 0.38 s, a scene looks the same for every d; dropping scenes differs.
+    # The first frame, at 0.38 s, is before any avoidance: it is the same for every d, except for dropped scenes.
     first = {d: {row.tobytes() for row in positions(d=d)[:, :, 0]} for d in STYLES}
     assert len(set.union(*first.values())) <= 5000
     assert len(set.intersection(*first.values())) > 4700
 
 
-def test_distance_kept_is_twice_the_radius():
+def test_the_kept_distance_is_twice_the_radius():
     for d in STYLES:
         apart = np.linalg.norm(np.subtract(*positions(d=d).transpose(1, 0, 2, 3)), axis=-1).min(axis=1)
         assert apart.min() > 2 * d - 0.01
@@ -103,7 +103,7 @@ def test_distance_kept_is_twice_the_radius():
 def test_scenes_of_the_splits_are_disjoint():
     domain = make("orca", scenes=100)
     rows = {split: {row.tobytes() for row in domain.windows(split).observation.history} for split in domain.splits}
-    assert set(rows) == {"train", "val", "test", "reference"} and all(len(found) > 150 for found in rows.values())
+    assert set(rows) == {"train", "val", "test", "reference"} and all(len(digests) > 150 for digests in rows.values())
     assert len(set.union(*rows.values())) == sum(map(len, rows.values()))
     assert digest(domain.reference().future) == digest(domain.windows("reference").future)
 
@@ -115,14 +115,14 @@ def test_number_of_scenes():
     assert all(30 < few.windows(split).observation.scenes <= 40 for split in few.splits)
 
 
-def test_seeds_give_other_scenes():
+def test_seeds_give_different_scenes():
     one, other, again = (positions(seed=seed, scenes=50) for seed in (0, 1, 0))
     assert np.array_equal(one, again)
     assert not set(map(bytes, one[:, :, 0])) & set(map(bytes, other[:, :, 0]))
 
 
 @pytest.mark.parametrize(("agents", "d"), [(2, 0.6), (5, 0.6), (10, 0.6), (20, 0.3), (20, 0.65)])
-def test_nobody_overlaps_at_the_start(agents, d):
+def test_agents_do_not_overlap_at_the_start(agents, d):
     domain = make("orca", agents=agents, d=d, scenes=60)
     start = domain._starts(np.random.default_rng(0), 60)
     one, other = np.triu_indices(agents, 1)
@@ -141,11 +141,11 @@ def test_many_agents(agents, scenes):
     xy = positions(agents=agents, scenes=scenes)
     speed = np.linalg.norm(np.diff(xy, axis=2), axis=-1) / domain.dt
     assert 0.5 < speed.mean() < 1 and speed.max() < 1.001
-    assert np.linalg.norm(xy[:, :, -1] + xy[:, :, 0], axis=-1).min() > 0.5  # nobody has arrived
+    assert np.linalg.norm(xy[:, :, -1] + xy[:, :, 0], axis=-1).min() > 0.5  # no agent has arrived
 
 
 def test_agents_walk_to_the_other_side():
-    # Nobody else within 10 m of sight for a while: straight to the goal at 1 m/s, from rest.
+    # No other agent within 10 m: straight to the goal at 1 m/s, from rest.
     xy = positions(d=0.1, radius=20.0, scenes=30)
     first = xy[:, :, 0]
     inward = -first / np.linalg.norm(first, axis=-1, keepdims=True)
@@ -159,17 +159,17 @@ def test_speed_and_horizon_matter():
 
 
 @pytest.mark.parametrize("parameters", [{"d": 0.1}, {"d": 0.6}, {"d": 0.6, "radius": 7.0}])
-def test_oracle_knows(parameters):
+def test_the_oracle_has_almost_no_error(parameters):
     assert evaluate("orca_oracle", "orca", scenes=300, **parameters).metrics["ADE"].mean < 0.005
 
 
 def test_windows_are_those_of_the_recordings():
     domain = make("orca", scenes=40)
-    cut, made = windows_of(domain.recordings("val")), domain.windows("val")
+    cut, windows = windows_of(domain.recordings("val")), domain.windows("val")
     for field in ("future", "known"):
-        assert np.array_equal(getattr(cut, field), getattr(made, field))
-    assert np.array_equal(cut.observation.scene, made.observation.scene)
-    assert len(np.unique(made.observation.agent)) == len(made.future)
+        assert np.array_equal(getattr(cut, field), getattr(windows, field))
+    assert np.array_equal(cut.observation.scene, windows.observation.scene)
+    assert len(np.unique(windows.observation.agent)) == len(windows.future)
 
 
 def test_sources_are_the_training_styles():
@@ -203,22 +203,22 @@ def finish(process):
     return out.strip()
 
 
-def test_two_processes_make_the_same_scenes_and_one_entry(fresh_cache, monkeypatch):
+def test_two_processes_simulate_the_same_scenes_and_write_one_cache_entry(fresh_cache, monkeypatch):
     both = [python(DIGEST, PYTHONHASHSEED=str(n)) for n in (1, 2)]
-    found = {finish(process) for process in both}
+    digests = {finish(process) for process in both}
     assert len(os.listdir(fresh_cache)) == 1
     monkeypatch.setenv("MOTION_GYM_CACHE", str(fresh_cache / "another"))
     here = make("orca", d=0.6, agents=5, scenes=60, seed=3).windows("test")
-    assert found == {digest(here.future)}
+    assert digests == {digest(here.future)}
 
 
-def test_second_domain_loads_what_the_first_has_simulated(fresh_cache, monkeypatch):
+def test_a_second_domain_loads_the_scenes_of_the_first(fresh_cache, monkeypatch):
     first = make("orca", scenes=20).windows("test").future
     monkeypatch.setattr(Orca, "simulate", lambda self, start: pytest.fail("simulated again"))
     assert np.array_equal(make("orca", scenes=20).windows("test").future, first)
 
 
-def test_scenes_that_no_simulation_gives_are_simulated_again(fresh_cache):
+def test_a_damaged_cache_entry_is_simulated_again(fresh_cache):
     first = make("orca", scenes=20).windows("test").future
     (entry,) = fresh_cache.iterdir()
     with np.load(entry) as archive:
@@ -233,7 +233,7 @@ def test_scenes_that_no_simulation_gives_are_simulated_again(fresh_cache):
     [{"d": 0.4}, {"agents": 3}, {"radius": 5.5}, {"horizon": 3.0}, {"speed": 0.9}, {"seed": 1}, {"scenes": 11}],
     ids=lambda other: next(iter(other)),
 )
-def test_every_parameter_has_scenes_of_its_own_in_the_cache(fresh_cache, other):
+def test_every_parameter_is_part_of_the_cache_key(fresh_cache, other):
     plain = make("orca", scenes=10)
     plain.windows("test")
     plain.windows("val")
@@ -241,7 +241,7 @@ def test_every_parameter_has_scenes_of_its_own_in_the_cache(fresh_cache, other):
     assert len(os.listdir(fresh_cache)) == 3
 
 
-def test_unwritable_cache_warns_and_goes_on(tmp_path, monkeypatch):
+def test_an_unwritable_cache_gives_a_warning(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("MOTION_GYM_CACHE", str(tmp_path / "file" / "cache"))
     with pytest.warns(RuntimeWarning, match="Not cached: .*MOTION_GYM_CACHE"):
@@ -249,7 +249,7 @@ def test_unwritable_cache_warns_and_goes_on(tmp_path, monkeypatch):
     assert scenes > 5
 
 
-def test_full_cache_warns_and_goes_on(fresh_cache):
+def test_a_full_disk_gives_a_warning(fresh_cache):
     code = """
         import resource, signal, warnings
         import motion_gym
@@ -303,7 +303,7 @@ def test_bad_parameters_are_refused(wrong, message):
 
 
 @pytest.mark.parametrize("parameters", [{"agents": 20, "d": 0.8}, {"agents": 20, "d": 3.0}, {"d": 6.0}])
-def test_no_room_for_the_agents_is_said_at_once(parameters):
+def test_too_little_room_is_refused_quickly(parameters):
     domain = make("orca", **parameters)
     began = time.perf_counter()
     with pytest.raises(SpecError, match=r"no room .* radius 5 m for \d+ agents .* smaller d, fewer agents or a larger"):
@@ -311,25 +311,25 @@ def test_no_room_for_the_agents_is_said_at_once(parameters):
     assert time.perf_counter() - began < 1
 
 
-def test_little_room_is_found():
+def test_agents_are_placed_with_little_room():
     start = make("orca", agents=20, d=0.7)._starts(np.random.default_rng(0), 100)
     one, other = np.triu_indices(20, 1)
     assert np.linalg.norm(start[:, one] - start[:, other], axis=-1).min() > 1.4
 
 
-def test_circle_that_is_crossed_too_soon_is_refused():
+def test_a_circle_that_is_crossed_too_soon_is_refused():
     with pytest.raises(SpecError, match=r"come near its goal after 8 s.*radius above 3 m, a speed below 1 m/s"):
         make("orca", radius=3, scenes=20).windows("test")
 
 
-def test_engine_is_quiet():
+def test_the_engine_gives_no_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for parameters in ({"d": 0.1}, {"d": 0.6, "agents": 10}, {"d": 2.0}):
             make("orca", scenes=20, seed=9, **parameters).windows("test")
 
 
-def test_sources_are_shared_and_checked_like_any_crowd():
+def test_sources_are_shared_and_validated():
     first, again = (make("orca", d=d, scenes=3).sources() for d in (0.6, 0.8))
     assert [source.d for source in first] == [0.1, 0.3, 0.5] and all(s.scenes == 3 for s in first)
     assert all(one is other for one, other in zip(first, again, strict=True))

@@ -9,15 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motion_gym.contract import SpecError
 from motion_gym.envs.orca_engine import simulation as engine
 from motion_gym.envs.orca_engine.simulation import simulate
 
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).parents[2] / "../shared"))
 EXACT = platform.machine().lower() in ("x86_64", "amd64")
-"""Elsewhere pyrvo may be compiled to fused multiply-adds, and rounds differently."""
+"""On other machines pyrvo may use fused multiply-adds, which round differently."""
 seeds = st.integers(0, 10_000)
-few = settings(max_examples=12, deadline=None, derandomize=True)
+few = settings(max_examples=8, deadline=None, derandomize=True)
 
 
 def circle_crossing(scenes, agents, radius, seed=0, circle=5.0):
@@ -40,8 +39,8 @@ def circle_crossing(scenes, agents, radius, seed=0, circle=5.0):
 
 
 def rvo2(start, goal, radius, steps=400, lines=False, **rules):
-    """The judge, RVO2: positions [S, steps, N, 2], or how much each velocity violates its half-planes [S, steps, N]."""
-    pyrvo = pytest.importorskip("pyrvo", reason="pyrvo, the judge, is not installed")
+    """Results of RVO2: positions [S, steps, N, 2], or the violation of the half-planes [S, steps, N]."""
+    pyrvo = pytest.importorskip("pyrvo", reason="pyrvo is not installed")
     rules = {"time_step": 0.02, "neighbor_distance": 10.0, "max_neighbors": 10, "time_horizon": 2.0} | rules
     speed = rules.pop("max_speed", 1.0)
     scenes, agents = start.shape[:2]
@@ -75,9 +74,9 @@ def feasible(simulation, steps=400):
     return np.arange(steps) < first[:, None]
 
 
-def assert_agrees(simulation, judged):
-    """Within 1 mm while feasible; where both do the same float32 operations, identical to the end."""
-    error = np.linalg.norm(simulation.positions - judged, axis=-1).max(axis=-1)
+def assert_agrees(simulation, expected):
+    """Equal within 1 mm while feasible; identical if both use the same float32 operations."""
+    error = np.linalg.norm(simulation.positions - expected, axis=-1).max(axis=-1)
     assert error[feasible(simulation, error.shape[1])].max(initial=0) <= 1e-3
     if EXACT:
         assert error.max() == 0
@@ -105,7 +104,7 @@ def test_scenes_far_from_the_zero_point_have_the_same_paths(shift):
     assert np.array_equal(near.positions, near.positions.astype(np.float32)), "the state is float32"
     # Float64 rounds a start at 1e7 m by up to 1e-9 m, which can change its float32 value by one unit in the last place.
     assert np.abs(far.positions - shift - near.positions).max() < 1e-3
-    assert np.linalg.norm(far.positions[:, -1] - far.positions[:, 0], axis=-1).min() > 1, "everybody moves"
+    assert np.linalg.norm(far.positions[:, -1] - far.positions[:, 0], axis=-1).min() > 1, "all agents move"
 
 
 @pytest.mark.parametrize("agents", [2, 5, 10])
@@ -137,7 +136,7 @@ def test_breaks_ties_as_rvo2_when_head_on(goal):
     assert_agrees(simulate(start, goal, radius=0.3, every=1), rvo2(start, goal, 0.3))
 
 
-def test_first_infeasible_is_when_rvo2_first_violates_a_half_plane():
+def test_first_infeasible_is_the_first_violation_of_rvo2():
     start = circle_crossing(5, 8, 0.1, seed=1)
     violation = rvo2(start, -start, 0.1, lines=True)
     first = simulate(start, -start, radius=0.1).first_infeasible
@@ -148,7 +147,7 @@ def test_first_infeasible_is_when_rvo2_first_violates_a_half_plane():
     assert violation[before].max() < 1e-5
 
 
-def test_infeasible_crowd_stays_sane():
+def test_infeasible_crowds_keep_finite_positions_and_speeds():
     start = circle_crossing(20, 20, 0.3, seed=2)
     simulation = simulate(start, -start, radius=0.3, every=1)
     assert (simulation.first_infeasible >= 0).any(axis=1).all()
@@ -172,9 +171,9 @@ def test_agents_do_not_overlap_while_feasible(seed, agents, radius):
 @few
 @given(seeds, st.integers(2, 9))
 def test_permuting_agents_permutes_their_paths(seed, agents):
-    start = circle_crossing(4, agents, 0.2, seed)
+    start = circle_crossing(4, agents, 0.2, seed, circle=2.5)
     order = np.random.default_rng(seed).permutation(agents)
-    plain, permuted = (simulate(xy, -xy, radius=0.2, steps=300) for xy in (start, start[:, order]))
+    plain, permuted = (simulate(xy, -xy, radius=0.2, steps=160) for xy in (start, start[:, order]))
     np.testing.assert_array_equal(plain.positions[:, :, order], permuted.positions)
     np.testing.assert_array_equal(plain.first_infeasible[:, order], permuted.first_infeasible)
 
@@ -183,30 +182,30 @@ def test_permuting_agents_permutes_their_paths(seed, agents):
 @given(seeds, st.integers(1, 5), st.integers(1, 40))
 def test_a_scene_does_not_depend_on_its_batch(seed, agents, chunk):
     radius = np.resize([0.1, 0.3, 0.6], 7)
-    start = circle_crossing(7, agents, radius, seed)
-    batch = simulate(start, -start, radius=radius, steps=300)
+    start = circle_crossing(7, agents, radius, seed, circle=2.5)
+    batch = simulate(start, -start, radius=radius, steps=160)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine, "CHUNK", chunk)
-        chunked = simulate(start, -start, radius=radius, steps=300)
+        chunked = simulate(start, -start, radius=radius, steps=160)
     np.testing.assert_array_equal(batch.positions, chunked.positions)
     np.testing.assert_array_equal(batch.first_infeasible, chunked.first_infeasible)
-    alone = simulate(start[2:3], -start[2:3], radius=0.6, steps=300)
+    alone = simulate(start[2:3], -start[2:3], radius=0.6, steps=160)
     np.testing.assert_array_equal(batch.positions[2:3], alone.positions)
 
 
 @few
 @given(seeds, st.integers(2, 9))
 def test_a_quarter_turn_is_exact(seed, agents):
-    start = circle_crossing(3, agents, 0.2, seed)
+    start = circle_crossing(3, agents, 0.2, seed, circle=2.5)
     turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
-    plain, turned = (simulate(xy, -xy, radius=0.2, steps=300) for xy in (start, start @ turn))
+    plain, turned = (simulate(xy, -xy, radius=0.2, steps=160) for xy in (start, start @ turn))
     np.testing.assert_array_equal(plain.positions @ turn, turned.positions)
 
 
 @few
 @given(seeds, st.floats(0, 2 * np.pi), st.floats(-10, 10), st.floats(-10, 10))
-def test_moves_with_any_rotation_and_translation(seed, angle, x, y):
-    # Before they pass: nearly head on, even the rounding of a start can decide the side on which two agents pass.
+def test_paths_are_equivariant_to_rotation_and_translation(seed, angle, x, y):
+    # Before the agents pass: when they meet almost head on, rounding can decide the side on which they pass.
     start = circle_crossing(3, 4, 0.3, seed)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     plain = simulate(start, -start, radius=0.3, steps=150).positions
@@ -234,30 +233,3 @@ def test_no_scenes():
     simulation = simulate(np.empty((0, 2, 2)), np.empty((0, 2, 2)), radius=0.3)
     assert simulation.positions.shape == (0, 20, 2, 2)
     assert simulation.first_infeasible.shape == (0, 2)
-
-
-TWO = np.array([[(-4.0, 0.0), (4.0, 0.0)]] * 3)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (dict(radius=0), r"radius is 0\.0; give finite numbers above 0"),
-        (dict(radius=[0.1, np.nan, 0.1]), r"radius is nan; give"),
-        (dict(radius=[0.1, 0.1]), r"radius has shape \(2,\); give one number, or one for each of the 3 scenes"),
-        (dict(start=TWO[0]), r"start has shape \(2, 2\); give \(scenes, agents, 2\)"),
-        (dict(goal=TWO[:2]), r"goal has shape \(2, 2, 2\) but start has \(3, 2, 2\)"),
-        (dict(goal=TWO * np.nan), r"goal of agent 0 in scene 0 is \[nan nan\]"),
-        (dict(velocity=TWO[:, :1]), r"velocity has shape \(3, 1, 2\)"),
-        (dict(velocity=np.full_like(TWO, np.inf)), r"velocity of agent 0 in scene 0"),
-        (dict(steps=0), "`steps=0` must be a whole number"),
-        (dict(every=2.5), r"`every=2\.5` must be a whole number"),
-        (dict(first=401), r"first frame is kept after 401 steps, but steps is 400"),
-        (dict(time_step=-1), "`time_step=-1` must be a number above 0"),
-        (dict(max_speed=np.nan), "`max_speed=nan` must be a number"),
-        (dict(radius=[0.1, 0.1, 4.5]), r"agents 0 and 1 of scene 2 overlap .* 8 m apart and need 2 \* radius = 9 m"),
-    ],
-)
-def test_says_what_is_wrong(change, message):
-    with pytest.raises(SpecError, match=message):
-        simulate(**{"start": TWO, "goal": -TWO, "radius": 0.3} | change)

@@ -1,4 +1,4 @@
-"""The baselines: numbers of the reference, geometry, and what they say when they cannot forecast."""
+"""The baselines: reference numbers, geometry, and error messages."""
 
 import copy
 import dataclasses
@@ -62,9 +62,9 @@ def ade_fde(predictor, truth):
 @each
 @fast
 @given(crowds(), st.floats(-4, 4), st.floats(-50, 50), st.floats(-50, 50))
-def test_a_turned_and_shifted_world_gives_turned_and_shifted_forecasts(name, truth, angle, x, y):
+def test_forecasts_are_equivariant_to_rotation_and_translation(name, truth, angle, x, y):
     here = truth.observation
-    # An agent that stands still has no heading, so that linear takes that of the x axis.
+    # An agent that stands still has no heading; linear uses the x axis.
     moving = np.hypot(*(here.xy[:, -1] - here.xy[:, -2]).T) > 0.1
     history = here.history.astype(np.float64)
     history[..., :2] = turned(history[..., :2], angle, (x, y))
@@ -89,7 +89,7 @@ def test_a_forecast_does_not_depend_on_the_batch(name, truth, random):
 
 @each
 @pytest.mark.parametrize("samples", [1, 20])
-def test_one_float32_sample(name, samples):
+def test_forecasts_have_one_float32_sample(name, samples):
     answer = EQUIVARIANT[name].predict(TRAINING[0].observation, samples, seed=3)
     assert answer.positions.shape == (len(TRAINING[0].observation), 1, 12, 2)
     assert answer.positions.dtype == np.float32
@@ -120,21 +120,21 @@ def test_stand_still_stays():
         "linear:sigma=1",
     ],
 )
-def test_values_that_are_not_allowed(spec):
+def test_invalid_settings_are_refused(spec):
     with pytest.raises(SpecError, match=r"`(velocity=first|ridge=-1|ridge=much|sigma=1)`"):
         motion_gym.predictor(spec)
 
 
-def test_linear_finds_a_linear_law():
-    # Everybody keeps turning by 5 degrees a step: in the heading frame the future is linear in the last step.
+def test_linear_learns_a_linear_law():
+    # All agents turn by 5 degrees per step: in the heading frame the future is linear in the last step.
     rng = np.random.default_rng(0)
     angle = rng.uniform(0, 6, (60, 1)) + np.deg2rad(5) * np.arange(20)
     steps = rng.uniform(0.2, 1, (60, 1, 1)) * np.stack([np.cos(angle), np.sin(angle)], -1)
     xy = np.cumsum(steps, axis=1).astype(np.float32)
     here = motion_gym.Observation(xy[:, :8], np.arange(61), np.arange(60), 0.4)
     truth = Truth(xy[:, 8:], np.ones((60, 12), bool), here)
-    made = motion_gym.predictor("linear:ridge=1e-6").fit([truth])
-    assert ade_fde(made, truth)[0] < 1e-3
+    predictor = motion_gym.predictor("linear:ridge=1e-6").fit([truth])
+    assert ade_fde(predictor, truth)[0] < 1e-3
 
 
 def test_linear_learns_from_complete_agents_only():
@@ -155,20 +155,20 @@ def test_linear_learns_from_complete_agents_only():
     np.testing.assert_allclose(partly.weight, motion_gym.predictor("linear").fit([complete]).weight, rtol=1e-9)
 
 
-def test_linear_without_sigma_never_looks_at_it():
+def test_linear_without_sigma_ignores_the_third_feature():
     here = TRAINING[0].observation
     blind = dataclasses.replace(here, history=here.history[..., :2])
     np.testing.assert_array_equal(LINEAR.predict(here).positions, LINEAR.predict(blind).positions)
 
 
-def test_linear_says_that_it_is_not_fitted():
-    made = motion_gym.predictor("linear")
-    assert not made.fitted
+def test_unfitted_linear_is_refused():
+    predictor = motion_gym.predictor("linear")
+    assert not predictor.fitted
     with pytest.raises(PredictorError, match="linear is not fitted: call fit"):
-        made.predict(TRAINING[0].observation)
+        predictor.predict(TRAINING[0].observation)
 
 
-def test_linear_with_sigma_needs_one():
+def test_linear_with_sigma_needs_a_third_feature():
     here = TRAINING[0].observation
     with pytest.raises(PredictorError, match="needs a third feature"):
         EQUIVARIANT["linear:sigma=true"].predict(dataclasses.replace(here, history=here.history[..., :2]))
@@ -177,11 +177,11 @@ def test_linear_with_sigma_needs_one():
 @pytest.mark.parametrize(
     "train", [[], [pick_scenes(TRAINING[0], [])], [trials.partly_known(pick_scenes(TRAINING[0], [0]))]]
 )
-def test_linear_has_nothing_to_learn_from(train):
-    made = motion_gym.predictor("linear")
+def test_linear_needs_complete_training_agents(train):
+    predictor = motion_gym.predictor("linear")
     with pytest.raises(PredictorError, match="cannot be fitted"):
-        made.fit(train)
-    assert not made.fitted
+        predictor.fit(train)
+    assert not predictor.fitted
 
 
 PLACES = ("eth", "eth6", "hotel", "univ", "zara1", "zara2")
@@ -210,7 +210,7 @@ def test_training_free_filters_reproduce_the_reference(spec, number):
 def filter_by_definition(xy, dt, q, r):
     """Last position and velocity of one axis of one agent, and the log-likelihood: the textbook filter in matrices."""
     model, noise = np.array([[1, dt], [0, 1]]), q * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
-    # From a prior that is as good as flat; its first two positions give the first state.
+    # The prior is nearly flat, so the first two positions determine the first state.
     state, covariance, likelihood = np.zeros(2), np.diag([1e6, 1e6]), 0.0
     for step, seen in enumerate(xy):
         if step:
@@ -225,7 +225,7 @@ def filter_by_definition(xy, dt, q, r):
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.4])
-def test_filters_are_those_of_the_textbook(dt):
+def test_filters_equal_the_textbook_filter(dt):
     rng = np.random.default_rng(0)
     xy = np.cumsum(rng.normal(0.3, 0.1, (3, 8, 2)), axis=1)
     q, r = np.array([0.3, 0.01]), np.array([0.002, 0.05])
@@ -240,7 +240,7 @@ def test_filters_are_those_of_the_textbook(dt):
             assert likelihood[number, agent] == pytest.approx(total, abs=1e-3)
 
 
-def test_the_mixture_weighs_filters_by_the_likelihood_of_each_agent():
+def test_the_mixture_weights_filters_by_the_likelihood_of_each_agent():
     here = TRAINING[0].observation
     forecasts, weights = [], []
     for q in ACCELERATION:
@@ -278,7 +278,7 @@ def test_a_straight_walker_is_forecast_exactly_at_any_time_step(shift):
         ("constant_velocity:velocity=2.5", "`velocity=2.5` must be a whole number"),
     ],
 )
-def test_settings_of_filters_that_are_refused(spec, message):
+def test_invalid_settings_of_filters_are_refused(spec, message):
     with pytest.raises(SpecError, match=message):
         motion_gym.predictor(spec)
 
@@ -311,19 +311,19 @@ def orca():
     return motion_gym.domain("orca", d=0.6, scenes=40)
 
 
-def test_the_oracle_meets_the_truth(orca):
+def test_the_oracle_matches_the_ground_truth(orca):
     oracle = motion_gym.predictor("orca_oracle")
     oracle.know(orca)
     assert ade_fde(oracle, orca.windows("test"))[0] < 0.01
 
 
-def test_the_oracle_does_not_look_at_the_future(orca):
+def test_the_oracle_does_not_use_the_future(orca):
     oracle, truth = motion_gym.predictor("orca_oracle"), orca.windows("test")
     oracle.know(orca.replace(seed=7))
     assert ade_fde(oracle, truth)[0] < 0.01
 
 
-def test_the_oracle_says_what_it_needs(orca):
+def test_the_oracle_refuses_other_domains_and_partial_scenes(orca):
     oracle, truth = motion_gym.predictor("orca_oracle"), orca.windows("test")
     with pytest.raises(PredictorError, match="does not know the domain"):
         oracle.predict(truth.observation)

@@ -36,10 +36,10 @@ def reference():
     return mg.domain("orca:d=0.6,scenes=70").reference()
 
 
-def test_training_lowers_the_error_of_every_kind(data):
+def test_training_lowers_the_error(data):
     for kind in (StyleErm, StyleInvariant):
-        made = kind().fit(*data, [0, 1], epochs=(8,), **OPTIONS)
-        scores = [np.mean(entry["score"]) for entry in made.card["curve"]]
+        network = kind().fit(*data, [0, 1], epochs=(8,), **OPTIONS)
+        scores = [np.mean(entry["score"]) for entry in network.card["curve"]]
         assert scores[-1] < 0.7 * scores[0]
 
 
@@ -71,40 +71,40 @@ def test_a_killed_training_resumes_to_the_same_weights(data, modular, tmp_path):
     assert all(torch.equal(value, modular.stacked[name]) for name, value in resumed.stacked.items())
 
 
-def test_a_style_is_the_running_average_of_what_was_observed(modular, reference):
-    made, other = Modular(), Modular()
-    for each in (made, other):
+def test_the_style_is_a_running_average_over_the_observed_scenes(modular, reference):
+    network, other = Modular(), Modular()
+    for each in (network, other):
         each.use(modular.stacked, modular.card)
     seen = mg.domain("orca:scenes=30").windows("test").observation
-    fresh = made.predict(seen).positions
-    made.observe(reference)
+    fresh = network.predict(seen).positions
+    network.observe(reference)
     for index in (range(20, reference.observation.scenes), range(20)):
         other.observe(pick_scenes(reference, list(index)))
-    assert made.scenes == other.scenes == reference.observation.scenes
-    np.testing.assert_allclose(made.predict(seen).positions, other.predict(seen).positions, atol=1e-5)
-    assert np.abs(made.predict(seen).positions - fresh).max() > 1e-4
-    made.reset()
-    np.testing.assert_array_equal(made.predict(seen).positions, fresh)
+    assert network.scenes == other.scenes == reference.observation.scenes
+    np.testing.assert_allclose(network.predict(seen).positions, other.predict(seen).positions, atol=1e-5)
+    assert np.abs(network.predict(seen).positions - fresh).max() > 1e-4
+    network.reset()
+    np.testing.assert_array_equal(network.predict(seen).positions, fresh)
 
 
-def test_scenes_that_are_not_known_to_the_end_tell_no_style(modular, reference):
-    made = Modular()
-    made.use(modular.stacked, modular.card)
+def test_partly_known_scenes_have_no_style(modular, reference):
+    network = Modular()
+    network.use(modular.stacked, modular.card)
     known = reference.known.copy()
     known[::2, -1] = False
-    made.observe(dataclasses.replace(reference, known=known))
-    assert made.scenes == 0
+    network.observe(dataclasses.replace(reference, known=known))
+    assert network.scenes == 0
     known[:4] = True
-    made.observe(dataclasses.replace(reference, known=known))
-    assert made.scenes == 2
+    network.observe(dataclasses.replace(reference, known=known))
+    assert network.scenes == 2
 
 
-def test_steps_of_another_length_tell_no_style(modular, reference):
+def test_scenes_of_another_time_step_are_refused(modular, reference):
     other = dataclasses.replace(reference, observation=dataclasses.replace(reference.observation, dt=0.1))
-    made = Modular()
-    made.use(modular.stacked, modular.card)
+    network = Modular()
+    network.use(modular.stacked, modular.card)
     with pytest.raises(PredictorError, match=r"trained on time steps of 0.4 s, and the observation has steps of 0.1 s"):
-        made.observe(other)
+        network.observe(other)
 
 
 def test_scenes_of_another_number_of_agents_are_refused(modular):
@@ -113,7 +113,7 @@ def test_scenes_of_another_number_of_agents_are_refused(modular):
         lambda: modular.predict(three.windows("test").observation),
         lambda: modular.observe(three.reference()),
     ):
-        with pytest.raises(PredictorError, match=r"exactly 2 agents, and there is one of 3"):
+        with pytest.raises(PredictorError, match="exactly 2 agents, but a scene has 3"):
             call()
 
 
@@ -127,32 +127,32 @@ def test_scenes_of_another_number_of_agents_are_refused(modular):
         (StyleErm, {"epochs": (1,), "scenes": 100}, PredictorError, "a step takes 100 of each"),
     ],
 )
-def test_what_makes_no_training_is_refused(data, kind, options, error, reason):
+def test_unsuitable_training_options_are_refused(data, kind, options, error, reason):
     with pytest.raises(error, match=reason):
         kind().fit(*data, 0, **options)
 
 
 @pytest.mark.parametrize("kind", [Modular, ModularInvariant, StyleInvariant])
-def test_one_environment_is_refused_where_several_are_compared(data, kind):
+def test_trainings_that_compare_environments_refuse_one_environment(data, kind):
     one = [part[:1] for part in data]
     with pytest.raises(PredictorError, match="has one alone"):
         kind().fit(*one, 0, **OPTIONS)
     assert StyleErm().fit(*one, 0, epochs=(1,), **OPTIONS).card["validation_ade"][0] < 5
 
 
-def test_weights_without_a_style_are_not_those_of_a_modular_network(data, tmp_path):
+def test_weights_without_a_style_are_refused_by_the_modular_network(data, tmp_path):
     path = tmp_path / "erm.safetensors"
     StyleErm().fit(*data, 0, epochs=(1,), **OPTIONS).save(path)
-    with pytest.raises(PredictorError, match=r"another model: it lacks .*modulator"):
+    with pytest.raises(PredictorError, match="weights of style_erm, not of modular"):
         Modular(path)
 
 
-def test_refining_draws_a_forecast_towards_the_style_of_the_references(modular, reference):
-    made = Modular()
-    made.use(modular.stacked, modular.card)
+def test_refinement_increases_the_likeness_to_the_reference_style(modular, reference):
+    network = Modular()
+    network.use(modular.stacked, modular.card)
     seen = mg.domain("orca:scenes=60").windows("test").observation
-    refined = {steps: Refine(made, steps=steps, rate=0.02) for steps in (0, 3, 12)}
-    untouched = made.predict(seen).positions
+    refined = {steps: Refine(network, steps=steps, rate=0.02) for steps in (0, 3, 12)}
+    untouched = network.predict(seen).positions
     likeness = {}
     for steps, predictor in refined.items():
         np.testing.assert_array_equal(predictor.predict(seen).positions, untouched)  # nothing observed yet
@@ -161,23 +161,23 @@ def test_refining_draws_a_forecast_towards_the_style_of_the_references(modular, 
             positions = predictor.predict(seen).positions[:, 0]
         path = np.concatenate([seen.xy[:, -1:], positions], axis=1)
         moves = torch.tensor(np.diff(path.astype(np.float64), axis=1)).reshape(1, seen.scenes, -1)
-        embedded = made.embedded(seen, moves)[0].numpy()
-        likeness[steps] = (embedded @ predictor.towards).mean() / predictor.scenes
+        embedded = network.embedded(seen, moves)[0].numpy()
+        likeness[steps] = (embedded @ predictor.embeddings).mean() / predictor.scenes
     assert likeness[0] < likeness[3] < likeness[12]
-    made.observe(reference)
-    np.testing.assert_allclose(refined[0].predict(seen).positions, made.predict(seen).positions, atol=1e-6)
+    network.observe(reference)
+    np.testing.assert_allclose(refined[0].predict(seen).positions, network.predict(seen).positions, atol=1e-6)
     refined[12].reset()
     np.testing.assert_array_equal(refined[12].predict(seen).positions, untouched)
-    assert all(torch.equal(value, refined[12].inner.tensors[name]) for name, value in made.tensors.items())
+    assert all(torch.equal(value, refined[12].inner.tensors[name]) for name, value in network.tensors.items())
 
 
-def test_refining_keeps_the_contract_of_a_predictor(modular):
-    made = Modular()
-    made.use(modular.stacked, modular.card)
-    check_predictor(Refine(made), mg.domain("orca:scenes=40"))
+def test_refine_satisfies_the_contract_of_a_predictor(modular):
+    network = Modular()
+    network.use(modular.stacked, modular.card)
+    check_predictor(Refine(network), mg.domain("orca:scenes=40"))
 
 
-def test_what_cannot_be_refined_is_refused():
+def test_invalid_predictors_and_settings_of_refine_are_refused():
     with pytest.raises(PredictorError, match="style_erm has no style encoder"):
         Refine("style_erm")
     with pytest.raises(SpecError, match="rate"):

@@ -24,12 +24,12 @@ def crowd():
 
 
 @pytest.fixture(scope="module")
-def made(crowd):
+def trained(crowd):
     return ModularStgat().fit(*training_set(crowd), [0, 1], epochs=SHORT, scenes=24)
 
 
 def changed(truth, path, order):
-    """The same scenes on other paths [A, 20, 2], agents in another order within each."""
+    """The scenes with other paths [A, 20, 2] and another order of agents."""
     observation = dataclasses.replace(
         truth.observation,
         history=path[order, :8].astype(np.float32),
@@ -51,21 +51,21 @@ def test_pairs_are_the_nearest_neighbours_from_both_sides(eth_ucy):
     assert np.array_equal(pairs.scene, scene[pairs.agent])
 
 
-def test_the_style_depends_neither_on_the_frame_nor_on_the_order_of_agents(made, crowd):
+def test_the_style_is_invariant_to_frame_and_order_of_agents(trained, crowd):
     truth = crowd.windows("test")
     path = whole_paths(truth).double().numpy()
     turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
     order = np.arange(len(path)).reshape(-1, 3)[:, [2, 0, 1]].ravel()
-    expected = made.scene_codes(truth, made.tensors)[0]
-    found = made.scene_codes(changed(truth, path @ turn + [3.0, -2.0], order), made.tensors)[0]
-    torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-4)
+    expected = trained.scene_codes(truth, trained.tensors)[0]
+    codes = trained.scene_codes(changed(truth, path @ turn + [3.0, -2.0], order), trained.tensors)[0]
+    torch.testing.assert_close(codes, expected, atol=1e-4, rtol=1e-4)
     assert expected.shape == (truth.observation.scenes, 8) and expected.std(dim=0).min() > 0
 
 
-def test_agents_who_left_and_agents_alone_show_no_style(made, crowd):
+def test_agents_who_left_and_single_agents_have_no_style(trained, crowd):
     truth = pick_scenes(crowd.windows("test"), np.arange(4))
     known = truth.known.copy()
-    known[:2, -1] = False  # of the first scene one agent is left, of the others all
+    known[:2, -1] = False  # one agent remains in the first scene, all agents in the others
     pairs = NeighbourPairs.of(Truth(truth.future, known, truth.observation))
     assert set(pairs.scene) == {1, 2, 3} and len(pairs.agent) == 3 * 3 * 2
     alone = Truth(
@@ -78,42 +78,42 @@ def test_agents_who_left_and_agents_alone_show_no_style(made, crowd):
             dt=truth.observation.dt,
         ),
     )
-    before = made.predict(truth.observation).positions
-    made.observe(alone)
-    assert made.scenes == 0
-    np.testing.assert_array_equal(made.predict(truth.observation).positions, before)
+    before = trained.predict(truth.observation).positions
+    trained.observe(alone)
+    assert trained.scenes == 0
+    np.testing.assert_array_equal(trained.predict(truth.observation).positions, before)
 
 
-def test_what_is_observed_changes_forecasts_until_reset(made, crowd):
+def test_observed_scenes_change_forecasts_until_reset(trained, crowd):
     observation = crowd.windows("test").observation
-    before = made.predict(observation, 3).positions
-    made.observe(pick_scenes(crowd.reference(), np.arange(8)))
-    assert made.scenes == 8
-    after = made.predict(observation, 3).positions
+    before = trained.predict(observation, 3).positions
+    trained.observe(pick_scenes(crowd.reference(), np.arange(8)))
+    assert trained.scenes == 8
+    after = trained.predict(observation, 3).positions
     assert before.shape == after.shape == (len(observation), 3, 12, 2)
     assert not np.allclose(before, after, atol=1e-3)
-    made.reset()
-    np.testing.assert_array_equal(made.predict(observation, 3).positions, before)
+    trained.reset()
+    np.testing.assert_array_equal(trained.predict(observation, 3).positions, before)
 
 
-def test_weights_are_kept_and_others_are_refused(made, crowd, tmp_path):
-    made.save(tmp_path / "w.safetensors")
+def test_weights_are_saved_and_other_weights_are_refused(trained, crowd, tmp_path):
+    trained.save(tmp_path / "w.safetensors")
     observation = pick_scenes(crowd.windows("test"), np.arange(5)).observation
     again = ModularStgat(tmp_path / "w.safetensors", seed=0)
     torch.testing.assert_close(
-        torch.from_numpy(again.predict(observation).positions), torch.from_numpy(made.predict(observation).positions)
+        torch.from_numpy(again.predict(observation).positions), torch.from_numpy(trained.predict(observation).positions)
     )
-    with pytest.raises(PredictorError, match="it lacks"):
+    with pytest.raises(PredictorError, match="weights of erm_no_sigma, not of modular_stgat"):
         plain = Erm(sigma=False).fit(*training_set(crowd), 0, epochs=(1, 1, 1), joint=True)
         plain.save(tmp_path / "plain.safetensors")
         ModularStgat(tmp_path / "plain.safetensors")
-    with pytest.raises(PredictorError, match="trained without sigma"):
+    with pytest.raises(PredictorError, match="weights of modular_stgat, not of modular_stgat:sigma=true"):
         ModularStgat(tmp_path / "w.safetensors", sigma=True)
 
 
-def test_forecasts_are_refined_scene_by_scene(made, crowd):
+def test_forecasts_are_refined_scene_by_scene(trained, crowd):
     truth = crowd.windows("test")
-    refined = Refine(made, steps=2, rate=0.01)
+    refined = Refine(trained, steps=2, rate=0.01)
     plain = refined.predict(truth.observation).positions
     refined.observe(pick_scenes(crowd.reference(), np.arange(8)))
     whole = refined.predict(truth.observation).positions
@@ -122,22 +122,22 @@ def test_forecasts_are_refined_scene_by_scene(made, crowd):
     np.testing.assert_allclose(refined.predict(few).positions, whole[:15], atol=1e-4)
 
 
-def test_real_scenes_of_any_size(made, eth_ucy):
+def test_real_scenes_of_any_size_are_accepted(trained, eth_ucy):
     place = mg.domain("zara1:min_agents=1")
     truth = pick_scenes(place.windows("test"), np.arange(0, 700, 18))
-    stretched = dataclasses.replace(truth.observation, dt=crowd_dt(made))
-    made.observe(Truth(truth.future, truth.known, stretched))
-    assert 0 < made.scenes < truth.observation.scenes  # those of one agent show no style
-    forecast = made.predict(truth.observation, 2)
+    stretched = dataclasses.replace(truth.observation, dt=crowd_dt(trained))
+    trained.observe(Truth(truth.future, truth.known, stretched))
+    assert 0 < trained.scenes < truth.observation.scenes  # scenes of one agent have no style
+    forecast = trained.predict(truth.observation, 2)
     assert forecast.positions.shape == (len(truth.observation), 2, 12, 2) and np.isfinite(forecast.positions).all()
-    made.reset()
+    trained.reset()
 
 
-def crowd_dt(made):
-    return float(made.tensors["prior.dt"])
+def crowd_dt(trained):
+    return float(trained.tensors["prior.dt"])
 
 
-def test_what_cannot_be_trained_on_is_refused(crowd):
+def test_unsuitable_training_sets_are_refused(crowd):
     train, validation = training_set(crowd)
     with pytest.raises(SpecError, match="must be a list of 6"):
         ModularStgat().fit(train, validation, epochs=(1, 1, 1))

@@ -1,4 +1,4 @@
-"""Objectives: against golden numbers, autograd and what defines them."""
+"""Objectives against golden numbers, autograd and their definitions."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ EMPTY = torch.zeros(0)
 
 
 @pytest.mark.parametrize("name", ["erm", "counterfactual", "irm_5.0"])
-def test_risk_and_penalty_are_those_of_the_released_program(name):
+def test_risk_and_penalty_equal_those_of_the_released_program(name):
     path = SHARED / "stgat_golden.npz"
     if not path.exists():
         pytest.skip("the golden numbers of the released program are not here")
@@ -28,7 +28,7 @@ def test_risk_and_penalty_are_those_of_the_released_program(name):
 
 
 def some_risks(environments=3, models=2, agents=40, seed=0):
-    """Risks of random forecasts, and what they were made of."""
+    """Risks of random forecasts, and the arguments that they were computed from."""
     generator = torch.Generator().manual_seed(seed)
     forecast = torch.randn(12, models, agents, 2, generator=generator, dtype=torch.float64)
     target = torch.randn(12, agents, 2, generator=generator, dtype=torch.float64)
@@ -39,7 +39,7 @@ def some_risks(environments=3, models=2, agents=40, seed=0):
     return risks_of(forecast, target, weight, scene, environment, count), (forecast, target, weight, environment)
 
 
-def test_slopes_are_the_derivatives_by_a_scale():
+def test_slopes_are_derivatives_with_respect_to_a_scale():
     risks, (forecast, target, weight, environment) = some_risks()
     scale = torch.ones(2, dtype=torch.float64, requires_grad=True)
     for number in range(3):
@@ -59,7 +59,7 @@ def test_irm_adds_the_squared_slope_of_each_environment():
     torch.testing.assert_close(Irm(0.0)(risks, EMPTY), Erm()(risks, EMPTY))
 
 
-def test_the_unbiased_penalty_is_right_on_average():
+def test_the_unbiased_penalty_has_the_right_expectation():
     # Slopes of 2 n scenes drawn around a mean: the square of their sum exceeds (2 n mean)^2 by the noise, the product
     # of the halves does not.
     rng = np.random.default_rng(0)
@@ -71,7 +71,7 @@ def test_the_unbiased_penalty_is_right_on_average():
     assert squared.mean().item() == pytest.approx((16 * mean) ** 2 + 16, rel=0.05)
 
 
-def test_lambda_means_the_same_with_fewer_scenes_in_a_step():
+def test_lambda_does_not_depend_on_the_scenes_per_step():
     many = Risks(torch.full((1, 1), 8.0), torch.full((2, 1, 1), 3.0), torch.tensor([64.0]))
     few = Risks(many.value / 4, many.slope / 4, many.scenes / 4)
     for unbiased in (True, False):
@@ -79,7 +79,7 @@ def test_lambda_means_the_same_with_fewer_scenes_in_a_step():
         torch.testing.assert_close(4 * objective(few, EMPTY), objective(many, EMPTY))
 
 
-def test_vrex_penalises_differences_of_mean_risks_alone():
+def test_vrex_penalises_only_differences_of_mean_risks():
     value = torch.tensor([[4.0], [8.0]])
     even = Risks(value, torch.zeros(2, 2, 1), torch.tensor([4.0, 8.0]))
     assert VRex(100.0)(even, EMPTY).item() == pytest.approx(1.0)
@@ -87,7 +87,7 @@ def test_vrex_penalises_differences_of_mean_risks_alone():
     assert VRex(100.0)(uneven, EMPTY).item() == pytest.approx(2.5 + 100 * 2.25)
 
 
-def test_group_dro_comes_to_weigh_the_worst_environment():
+def test_group_dro_converges_to_the_worst_environment():
     objective = GroupDro(1.0)
     state = objective.start(2, 1, torch.device("cpu"))
     risks = Risks(torch.tensor([[1.0], [3.0]], requires_grad=True), torch.zeros(2, 2, 1), torch.ones(2))

@@ -14,7 +14,7 @@ from motion_gym.predictors.training.style_loss import TEMPERATURE, style_loss
 
 
 def by_loops(embedding, environment):
-    """The same by its definition."""
+    """The loss by its definition."""
     total = 0.0
     for i, anchor in enumerate(environment):
         likes = np.exp(embedding @ embedding[i] / TEMPERATURE)
@@ -29,20 +29,20 @@ def by_loops(embedding, environment):
 
 @settings(max_examples=30, deadline=None)
 @given(arrays.arrays(np.float64, (2, 7, 8), elements=st.floats(-1, 1)))
-def test_it_is_what_its_definition_says(drawn):
+def test_the_loss_equals_its_definition(drawn):
     embedding = torch.nn.functional.normalize(torch.from_numpy(drawn + 1e-3), dim=-1)
     environment = [0, 1, 0, 1, 2, 2, 2]
-    found = style_loss(embedding, torch.tensor(environment))
+    loss = style_loss(embedding, torch.tensor(environment))
     expected = [by_loops(e.numpy(), environment) for e in embedding]
-    np.testing.assert_allclose(found.numpy(), expected, rtol=1e-9)
+    np.testing.assert_allclose(loss.numpy(), expected, rtol=1e-9)
 
 
-def test_well_separated_codes_have_the_logarithm_of_the_number_of_positives():
+def test_the_loss_of_separated_codes_is_the_logarithm_of_the_number_of_positives():
     corners = torch.eye(8)[:2].repeat_interleave(5, dim=0)[None]
     environment = torch.tensor([0] * 5 + [1] * 5)
     assert style_loss(corners, environment).item() == pytest.approx(math.log(4), rel=1e-4)
 
 
-def test_one_environment_has_no_negatives():
+def test_one_environment_is_refused():
     with pytest.raises(PredictorError, match="scenes of at least two"):
         style_loss(torch.ones(1, 3, 8), torch.zeros(3, dtype=torch.int64))

@@ -1,4 +1,4 @@
-"""Trained weights: the time step that they need, and what is said where there are none."""
+"""Trained weights: their time step, and messages for missing weights."""
 
 import dataclasses
 import json
@@ -26,51 +26,51 @@ IN_SECONDS = ["constant_velocity", "constant_velocity:velocity=4", "kalman_veloc
 
 
 def at(dt):
-    """The same history with another time step."""
+    """The observation with another time step."""
     return dataclasses.replace(PAIRS.observation, dt=dt)
 
 
 @pytest.mark.parametrize("spec", TRAINED)
 def test_weights_of_another_time_step_are_refused(spec):
-    made = mg.predictor(spec)
-    assert np.isfinite(made.predict(at(0.4)).positions).all()
-    # As of frame rates that are not exact.
-    assert np.isfinite(made.predict(at(0.40001)).positions).all()
+    predictor = mg.predictor(spec)
+    assert np.isfinite(predictor.predict(at(0.4)).positions).all()
+    # Frame rates may be slightly inexact.
+    assert np.isfinite(predictor.predict(at(0.40001)).positions).all()
     for dt in (0.1, 0.48):
         with pytest.raises(PredictorError, match=rf"trained on time steps of 0.4 s, .* steps of {dt} s: resample"):
-            made.predict(at(dt))
+            predictor.predict(at(dt))
 
 
 @pytest.mark.parametrize("spec", ["erm_no_sigma:weights=original/eth", "modular_invariant"])
 @pytest.mark.parametrize("name", ["none", "finetune", "kalman", "hedge", "ekf"])
-def test_adapters_pass_the_refusal_on(name, spec):
-    made = mg.adapter(name, spec)
+def test_adapters_refuse_another_time_step_too(name, spec):
+    predictor = mg.adapter(name, spec)
     with pytest.raises(PredictorError, match=r"trained on time steps of 0.4 s"):
-        made.predict(at(0.1))
+        predictor.predict(at(0.1))
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.4])
-def test_linear_remembers_the_time_step_that_it_was_fitted_to(dt):
+def test_linear_refuses_another_time_step_than_that_of_the_training_data(dt):
     slow = dataclasses.replace(PAIRS, observation=at(dt))
-    made = mg.predictor("linear").fit([slow])
-    made.predict(at(dt))
+    predictor = mg.predictor("linear").fit([slow])
+    predictor.predict(at(dt))
     with pytest.raises(PredictorError, match=rf"fitted to time steps of {dt} s, .* steps of 0.2 s"):
-        made.predict(at(0.2))
+        predictor.predict(at(0.2))
     with pytest.raises(PredictorError, match=r"time steps of \[0.2, 0.4\] s at once"):
         mg.predictor("linear").fit([PAIRS, dataclasses.replace(PAIRS, observation=at(0.2))])
 
 
 @pytest.mark.parametrize("spec", IN_SECONDS)
 @pytest.mark.parametrize("dt", [0.04, 0.1, 1.0])
-def test_predictors_that_compute_in_seconds_work_at_any_time_step(spec, dt):
+def test_predictors_without_training_work_at_any_time_step(spec, dt):
     assert np.isfinite(mg.predictor(spec).predict(at(dt)).positions).all()
 
 
-def test_a_card_says_the_time_step_of_the_training(tmp_path):
+def test_cards_hold_the_time_step_of_the_training_data(tmp_path):
     fast = [dataclasses.replace(PAIRS, observation=at(0.1))]
-    made = mg.predictor("style_erm").fit(fast, fast, 0, epochs=(1,), scenes=4)
-    assert made.card["dt"] == 0.1
-    made.save(tmp_path / "fast.safetensors")
+    predictor = mg.predictor("style_erm").fit(fast, fast, 0, epochs=(1,), scenes=4)
+    assert predictor.card["dt"] == 0.1
+    predictor.save(tmp_path / "fast.safetensors")
     again = mg.predictor("style_erm", weights=tmp_path / "fast.safetensors")
     again.predict(at(0.1))
     with pytest.raises(PredictorError, match=r"trained on time steps of 0.1 s"):
@@ -78,11 +78,11 @@ def test_a_card_says_the_time_step_of_the_training(tmp_path):
 
 
 @pytest.mark.parametrize("path", sorted(SHIPPED.rglob("*.json")), ids=lambda path: str(path.relative_to(SHIPPED)))
-def test_shipped_cards_say_their_time_step(path: Path):
+def test_shipped_cards_hold_their_time_step(path: Path):
     assert json.loads(path.read_text())["dt"] == 0.4
 
 
-def test_what_has_no_weights_is_not_fitted_and_not_trained_on_the_side():
+def test_predictors_without_weights_are_not_fitted_by_an_evaluation():
     assert mg.predictor("invariant").fitted and not mg.predictor("invariant:penalty=0.125").fitted
     with pytest.raises(PredictorError, match=r"Train it: motion-gym train invariant:penalty=0\.125"):
         mg.evaluate("invariant:penalty=0.125", "orca:scenes=20")

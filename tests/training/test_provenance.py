@@ -1,4 +1,4 @@
-"""What is recorded of the code that made a result."""
+"""The recorded versions and the commit."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 from motion_gym.training.provenance import commit, versions
 
 
-def test_versions_are_those_that_are_installed():
+def test_versions_are_the_installed_ones():
     assert versions()["numpy"] == numpy.__version__
     assert versions()["python"] == ".".join(map(str, sys.version_info[:3]))
 

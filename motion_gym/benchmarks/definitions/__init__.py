@@ -1,1 +1,1 @@
-"""The benchmarks that ship, one file a subject, made of the objects that a user makes a benchmark of."""
+"""The benchmarks that ship, one file a subject, defined with the classes of ``benchmarks.objects``."""

@@ -16,7 +16,7 @@ TRIED: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "hedge": [{"ridge": 1.0, "forgetting": f, "rate": r} for f in (0.97, 0.99, 1.0) for r in (3.0, 10.0)],
     "ekf": [{"noise": n, "spread": s} for n in (0.1, 0.3, 1.0) for s in (0.003, 0.01, 0.03)],
 }
-"""Settings of each adapter to choose from; the others are at their defaults."""
+"""Settings of each adapter to choose from; other settings have their defaults."""
 STGAT_ROWS = (
     "finetune:parts=all,every=4",
     "finetune:parts=last_layer,every=4",
@@ -40,7 +40,13 @@ STYLE_ROWS = (
 
 
 def _kinds(domains: Sequence[str], frames: Sequence[int], again: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
-    """Arguments of ``stream`` by kind: frames of a visit by kind; ``again`` is what recurs, else all do, twice."""
+    """Arguments of ``stream`` by kind.
+
+    Args:
+        domains: Domains in order.
+        frames: Frames of each visit of a domain, for sudden, gradual and recurring shifts.
+        again: Order of the visits of the recurring stream; by default all domains, twice.
+    """
     sudden, gradual, recurring = frames
     back: dict[str, Any] = {"domains": list(again or domains), "kind": "sudden" if again else "recurring"}
     return {

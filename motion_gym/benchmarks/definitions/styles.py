@@ -1,23 +1,22 @@
-"""Benchmarks on simulated crowds, whose style is the distance d that agents keep."""
+"""Benchmarks on simulated crowds, whose style is the separation distance d."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, Benchmark, Drawing, Part, Study, weighted
-from motion_gym.benchmarks.reports.claims import NOWHERE, Claim
+from motion_gym.benchmarks.objects import FILTERS, NOWHERE, Benchmark, Claim, Drawing, Part, Study, weighted
 
 STYLES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-"""Distances d that predictors are tested with."""
+"""Separation distances d that predictors are tested on."""
 REFERENCES = 64
-"""Reference scenes that predictors with a style are shown in the tables."""
+"""Reference scenes that predictors with a style receive in the tables."""
 EGO = ("ego_erm", "ego_modular")
 REFINED = ("modular", "refine:of=modular")
 TUNED = ("all", "style", "modulator", "last_layer")
-"""What `transfer` tunes: every choice that it has."""
+"""Every value of the parameter `parts` of `transfer`."""
 TRIED = tuple((epochs, rate) for rate in (1e-4, 3e-4, 1e-3, 3e-3) for epochs in (10, 30, 100))
-"""Epochs and learning rates to choose from on a held-out style."""
+"""Epochs and learning rates that are compared on a held-out style."""
 OVER_D = "d in metres (trained with 0.1, 0.3 and 0.5)"
 
 

@@ -1,16 +1,14 @@
-"""The page that holds every sentence about results, with its numbers, its test, and whether it holds."""
+"""The page with every sentence about results, its numbers, its test, and whether it is true."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from motion_gym.benchmarks import running
+from motion_gym.benchmarks.objects import EVERYWHERE, NOWHERE, Claim
 from motion_gym.benchmarks.reports.claims import (
-    EVERYWHERE,
-    NOWHERE,
-    Claim,
     Comparison,
     Panel,
     compare,
@@ -19,9 +17,9 @@ from motion_gym.benchmarks.reports.claims import (
     reference_panel,
     verdict,
 )
-from motion_gym.benchmarks.reports.online_tables import Rows, shift_panel
+from motion_gym.benchmarks.reports.online_tables import shift_panel
 from motion_gym.benchmarks.reports.published_tables import original_panel, spurious_panel
-from motion_gym.benchmarks.reports.seed_tables import Found
+from motion_gym.benchmarks.reports.sentences import CLAIMS
 from motion_gym.benchmarks.reports.table import Table, p_text
 
 INTRODUCTION = (
@@ -30,65 +28,63 @@ INTRODUCTION = (
     "paired t-tests over seeds, corrected for the number of distinct tests in each table (Holm). A sentence that does "
     "not hold is followed by a sentence that does, where there is one."
 )
+PUBLISHED = {"spurious": spurious_panel, "original": original_panel}
+"""Panels with the paper's numbers, by benchmark."""
 
 
-def panels_of(
-    name: str, found: Found, studies: Mapping[str, Any], shifts: Mapping[str, tuple[str, Mapping[str, Rows]]]
-) -> list[Panel]:
-    """All panels of a benchmark.
-
-    Args:
-        name: Name of the benchmark.
-        found: Its parts with the results of their runs.
-        studies: Its stored studies, by name.
-        shifts: Title and rows by kind of stream of each sort of shift, by name.
-    """
-    panels = [*part_panels(found), *(shift_panel(shift, *streams) for shift, streams in shifts.items())]
-    published = {"spurious": spurious_panel, "original": original_panel}
-    panels += [published[name](found)] if found and name in published else []
-    if found and "by_references" in studies:
-        panels.append(reference_panel(studies["by_references"], panels[0].errors))
-    return panels + ([pretraining_panel(studies["pretraining"])] if "pretraining" in studies else [])
+def page() -> str:
+    """The page, made from the stored runs, as Markdown."""
+    parts = ["# Claims", INTRODUCTION]
+    for name, further in CLAIMS.items():
+        results = running.run(name)
+        claims = [*results.benchmark.claims, *further]
+        parts.append(verdict_table(name, claims, compare(claims, panels_of(results))).markdown(2))
+    return "\n\n".join(parts) + "\n"
 
 
-def page(claims: Mapping[str, Sequence[Claim]], panels: Mapping[str, Sequence[Panel]]) -> str:
-    """The page, as Markdown.
-
-    Args:
-        claims: Claims by the name of their benchmark.
-        panels: Panels of stored runs by the name of the benchmark; claims about a benchmark without are not tested.
-    """
-    tables = [verdict_table(name, own, compare(own, panels.get(name, ()))).markdown(2) for name, own in claims.items()]
-    return "\n\n".join(["# Claims", INTRODUCTION, *tables]) + "\n"
+def panels_of(results: running.Results) -> list[Panel]:
+    """All panels of a benchmark."""
+    panels = part_panels(results.parts)
+    for name, shifts in results.benchmark.shifts.items():
+        panels.append(
+            shift_panel(name, shifts.title, {kind: results.stream_rows(name, kind) for kind in shifts.streams})
+        )
+    if results.benchmark.name in PUBLISHED:
+        panels.append(PUBLISHED[results.benchmark.name](results.parts))
+    if "by_references" in results.studies:
+        panels.append(reference_panel(results.studies["by_references"], panels[0].errors))
+    if "pretraining" in results.studies:
+        panels.append(pretraining_panel(results.studies["pretraining"]))
+    return panels
 
 
 def verdict_table(title: str, claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> Table:
     """Every claim, a row each: sentence, numbers, test, and whether it holds."""
-    rows = [[c.sentence, _numbers(c, comparisons), c.test, verdict(c, comparisons)] for c in claims]
+    rows = [[claim.sentence, _numbers(claim, comparisons), claim.test, verdict(claim, comparisons)] for claim in claims]
     return Table(title, ["claim", "numbers", "test", "verdict"], rows)
 
 
 def _numbers(claim: Claim, comparisons: Sequence[Comparison]) -> str:
-    """Ratios and p-values of a claim, and where it is not so."""
-    own = [c for c in comparisons if c["sentence"] == claim.sentence]
+    """Ratios and p-values of a claim, and the comparisons that contradict it."""
+    own = [c for c in comparisons if c["claim"] == claim]
     if not own:
         return "no runs of these rows are stored"
     ratios = [c["ratio"] for c in own if c["ratio"] is not None]
     text = f"ratio {_range(map('{:.2f}'.format, sorted(ratios)))}"
     if claim.each_seed:
-        pairs = (np.broadcast_arrays(c["values"], c["than_values"]) for c in own)
-        text += f" (seeds {_range(map('{:.2f}'.format, sorted(np.concatenate([a / b for a, b in pairs]))))})"
+        by_seed = np.concatenate([c["values"] / c["than_values"] for c in own])
+        text += f" (seeds {_range(map('{:.2f}'.format, sorted(by_seed)))})"
     kind = "p_corrected" if claim.where == EVERYWHERE else "p"
     p_values = sorted(c[kind] for c in own if c[kind] is not None)
     text += f"; p {_range(map(p_text, p_values))}" if claim.significant and p_values else ""
     off = [c for c in own if c["so"] is (claim.where == NOWHERE)]
     if off and len(off) < len(own):
-        text += f"; {'but' if claim.where == EVERYWHERE else 'so'} at {'; '.join(map(_place, off[:4]))}"
+        text += f"; {'but' if claim.where == EVERYWHERE else 'so'} at {'; '.join(map(_cell, off[:4]))}"
         text += f" and {len(off) - 4} more" if len(off) > 4 else ""
     return text
 
 
-def _place(comparison: Comparison) -> str:
+def _cell(comparison: Comparison) -> str:
     ratio = "-" if comparison["ratio"] is None else f"{comparison['ratio']:.2f}"
     p = comparison["p_corrected"]
     return f"{comparison['row']}, {comparison['column']} ({ratio}{'' if p is None else f', p {p_text(p)}'})"

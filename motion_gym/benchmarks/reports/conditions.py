@@ -1,6 +1,6 @@
-"""What must be said of the results in a table: unit, time, versions, agents, leaks, and how weights were selected.
+"""Notes on the results in a table: unit, time, versions, agents, leaks, and how weights were selected.
 
-A result is a run in JSON types, as ``Scorecard.as_dict`` and ``OnlineCard.as_dict`` give it, with its identity.
+A result is a run in JSON types: the value of ``Scorecard.as_dict`` or ``OnlineCard.as_dict``, with its identity.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ from motion_gym.benchmarks.reports.table import span
 from motion_gym.contract import FUTURE, DataError
 
 Result = Mapping[str, Any]
-UNIT, DT, REPLICATES = "m", 0.4, 1000
-"""What cards that do not say otherwise were made with."""
 
 
 def unit_of(results: Iterable[Result]) -> str:
@@ -24,54 +22,42 @@ def unit_of(results: Iterable[Result]) -> str:
     Raises:
         DataError: the results have several units, so that they cannot stand in one table.
     """
-    units = {card.get("unit", UNIT) for result in results for card in _cards(result)} or {UNIT}
+    units = {card["unit"] for result in results for card in _cards(result)}
     if len(units) > 1:
         raise DataError(f"A table cannot mix results in {' and '.join(sorted(units))}: make one table for each unit.")
     return units.pop()
 
 
-def steps_of(results: Iterable[Result]) -> str:
-    """Step and horizon in seconds."""
-    steps = sorted({float(card.get("dt", DT)) for result in results for card in _cards(result)} or {DT})
-    return " and ".join(f"dt {dt:g} s, horizon {FUTURE * dt:g} s" for dt in steps)
-
-
-def version_of(results: Iterable[Result]) -> int:
-    """The scoring version of all results.
+def measured(results: Sequence[Result]) -> str:
+    """Unit, step, horizon and scoring version.
 
     Raises:
-        DataError: the results are of several versions, so that their numbers cannot be compared.
+        DataError: the results have several units or scoring versions, so that their numbers cannot be compared.
     """
-    names: dict[int, str] = {}
-    for result in results:
-        version = result.get("identity", {}).get("scoring_version", 1)
-        names.setdefault(version, str(result.get("row", result["predictor"])))
+    steps = sorted({float(card["dt"]) for result in results for card in _cards(result)})
+    times = " and ".join(f"dt {dt:g} s, horizon {FUTURE * dt:g} s" for dt in steps)
+    names = {r["identity"]["scoring_version"]: r.get("row") or r["predictor"] for r in reversed(results)}
     if len(names) > 1:
         examples = " and ".join(f"{version} (as {name})" for version, name in sorted(names.items()))
         raise DataError(
             f"A table cannot mix results of the scoring versions {examples}: their numbers mean different things. Make "
             "the results of one version again (`motion-gym run NAME` does it), or keep them in a folder of their own."
         )
-    return next(iter(names), 1)
-
-
-def measured(results: Sequence[Result]) -> str:
-    """Unit, step, horizon and scoring version; refuses to mix units or versions."""
-    return f"unit {unit_of(results)}, {steps_of(results)}, scoring version {version_of(results)}"
+    return f"unit {unit_of(results)}, {times}, scoring version {next(iter(names))}"
 
 
 def intervals(results: Sequence[Result]) -> str:
-    """How intervals were made."""
+    """How intervals are computed."""
     summaries = [result["metrics"]["ADE"] if "metrics" in result else result["ade"] for result in results]
-    counts = sorted({summary.get("replicates") or REPLICATES for summary in summaries})
+    counts = {summary["replicates"] for summary in summaries}
     rule = " (10,000 below 1,000 agents)" if len(counts) > 1 else ""
-    draws = {result.get("reference_draws", 1) for result in results if result.get("reference_scenes")}
+    draws = {result["reference_draws"] for result in results if result.get("reference_scenes")}
     drawn = f", and of {span(draws)} draws of the reference scenes" if draws and max(draws) > 1 else ""
     return f"95 % intervals: bootstrap of whole agents{drawn}, {span(counts)} replicates{rule}"
 
 
 def scored(results: Sequence[Result]) -> str:
-    """How many agent-windows, agents and scenes stand behind the scores, and which agents these are."""
+    """The number of agent-windows, agents and scenes that are scored, and which agents are scored."""
     windows, agents, scenes = (
         span(result["metrics"]["ADE"][name] for result in results) for name in ("agent_windows", "agents", "scenes")
     )
@@ -79,7 +65,7 @@ def scored(results: Sequence[Result]) -> str:
 
 
 def not_computed(results: Sequence[Result]) -> list[str]:
-    """How many agent-windows a metric leaves out, as KDE_NLL does where it has no density."""
+    """The number of agent-windows that KDE_NLL leaves out, since their density cannot be estimated."""
     missing: dict[str, list[int]] = {}
     for result in results:
         total = result["metrics"]["ADE"]["agent_windows"]
@@ -90,12 +76,12 @@ def not_computed(results: Sequence[Result]) -> list[str]:
 
 
 def leaks(results: Iterable[Result]) -> list[str]:
-    """What reads the future on purpose, each once."""
+    """The declared leaks of all results, each once."""
     return list(dict.fromkeys(leak for result in results for leak in result["leaks"]))
 
 
 def selections(results: Iterable[Result]) -> list[str]:
-    """How the weights of the rows were selected."""
+    """How the weights of each row were selected."""
     rows: dict[str, dict[str, None]] = {}
     for result in results:
         rows.setdefault(result["selection"], {})[row_name(result["predictor"])] = None
@@ -103,13 +89,13 @@ def selections(results: Iterable[Result]) -> list[str]:
 
 
 def in_order(results: Sequence[Result]) -> list[Result]:
-    """Results in the order of rows: constant velocity, training-free, fitted, trained, oracle; else as they are."""
+    """Results in the order of rows: constant velocity, training-free, fitted, trained, oracle. The sort is stable."""
 
     def rank(result: Result) -> int:
         if result["oracle"]:
             return 4
         name, parameters = catalog.parse_spec(result["predictor"])
-        if "weights" in parameters or result.get("identity", {}).get("weights"):
+        if "weights" in parameters or result["identity"].get("weights"):
             return 3
         if result["selection"].startswith("fitted"):
             return 2
@@ -120,4 +106,4 @@ def in_order(results: Sequence[Result]) -> list[Result]:
 
 def _cards(result: Result) -> list[Mapping[str, Any]]:
     """Cards of the domains of a run on windows, or on a stream."""
-    return [result["domain"]] if "domain" in result else list(result.get("domains", {}).values())
+    return [result["domain"]] if "domain" in result else list(result["domains"].values())

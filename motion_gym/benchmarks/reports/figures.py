@@ -6,25 +6,23 @@ import io
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports.conditions import Result, measured, unit_of
 from motion_gym.benchmarks.reports.seed_tables import over_seeds
 from motion_gym.data.storage import write_atomic
 
-if TYPE_CHECKING:
-    from motion_gym.benchmarks.objects import Part
-
 MARKED = 0.1
-"""Share of a stream from which on the beginning of a segment is marked."""
+"""The start of a segment is marked if the segment is longer than this share of the stream."""
 
 Study = Mapping[str, Any]
 Lines = Mapping[str, Mapping[float, Any]]
-"""Values of the seeds, by row and place on the x axis."""
+"""Values of all seeds, by row and position on the x axis."""
 
 
 def error_over(part: Part, results: Sequence[Result], metric: str, path: Path, label: str, log: bool) -> None:
@@ -34,7 +32,7 @@ def error_over(part: Part, results: Sequence[Result], metric: str, path: Path, l
         part: A part whose domains are named by the value of the parameter.
         results: Results of its runs.
         metric: Name of the metric.
-        path: Where the SVG goes.
+        path: File of the SVG.
         label: The parameter, and its values in training.
         log: Whether the axis of the parameter is logarithmic.
     """
@@ -77,9 +75,9 @@ def over_time(panels: Mapping[str, Mapping[str, Sequence[Result]]], path: Path, 
     """Trailing means over the time of streams, a panel for each kind, the mean over seeds.
 
     Args:
-        panels: Online results of the seeds, by row, by kind.
-        path: Where the SVG goes.
-        title: Above the figure.
+        panels: Online results of all seeds, by kind and row.
+        path: File of the SVG.
+        title: Heading.
     """
     everything = [result for rows in panels.values() for results in rows.values() for result in results]
     measured(everything)

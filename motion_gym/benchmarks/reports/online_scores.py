@@ -1,4 +1,4 @@
-"""What several runs on one stream say together: gain, recovery, and growth of the error on return."""
+"""Scores of several runs on one stream: gain, recovery, and growth of the error on return."""
 
 from __future__ import annotations
 
@@ -23,34 +23,32 @@ def gain_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[
 def first_shift(result: Result) -> dict[str, Any] | None:
     """The first change of domain, if at least 50 forecasts matured right before it and right after it."""
     segments = result["segments"]
-    number = next((n for n, s in enumerate(segments) if s["domain"] != segments[0]["domain"]), None)
-    shift = next((s for s in result["shifts"] if s["segment"] == number), None)
+    first = next((n for n, s in enumerate(segments) if s["domain"] != segments[0]["domain"]), None)
+    shift = next((s for s in result["shifts"] if s["segment"] == first), None)
     return None if shift is None or segments[shift["segment"] - 1]["ade"]["agent_windows"] < TRAIL else shift
 
 
 def recovered(results: Sequence[Result], oracle: Sequence[Result] | None) -> str:
     """When the runs recovered from the first change of domain, as text for a cell.
 
-    The median counts a censored run as infinitely late. ``not stored`` stands for results without block means, and
-    ``-`` where there is no oracle or no such change.
+    The median counts a censored run as infinitely late. The text is ``-`` without an oracle, and without a change of
+    domain.
     """
     shifts = [first_shift(result) for result in results]
     levels = [first_shift(result) for result in oracle or ()]
     pairs = [(mine, theirs) for mine, theirs in zip(shifts, levels, strict=False) if mine and theirs]
     if not pairs or len(pairs) < len(results):
         return "-"
-    if not all("blocks" in shift for pair in pairs for shift in pair):
-        return "not stored"
     if any(len(mine["blocks"]) * BLOCK < PHASE for mine, _ in pairs):
         return f"censored (phase below {PHASE})"
     recoveries = [recovery(mine, theirs) for mine, theirs in pairs]
-    there = f"{sum(r is not None for r in recoveries)} of {len(recoveries)}"
+    count = f"{sum(r is not None for r in recoveries)} of {len(recoveries)}"
     forecasts, seconds = np.median([r or (np.inf, np.inf) for r in recoveries], axis=0)
-    return f"{forecasts:.0f} ({seconds:.0f} s; {there})" if np.isfinite(forecasts) else f"censored ({there})"
+    return f"{forecasts:.0f} ({seconds:.0f} s; {count})" if np.isfinite(forecasts) else f"censored ({count})"
 
 
 def growth_on_return(results: Sequence[Result], none: Sequence[Result]) -> list[float]:
-    """By how much the error of the first domain has grown when it comes back, relative to the growth of ``none``.
+    """Growth of the error of the first domain until its return, relative to the growth of ``none``.
 
     Returns:
         One value for each seed and return; 0.1 where the error has grown by 10 % more than that of ``none``.

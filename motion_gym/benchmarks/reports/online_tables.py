@@ -1,7 +1,7 @@
 """Tables of online adaptation, from the results of runs on streams.
 
-``Rows`` are the results of the seeds by row; rows ``none`` (the predictor that never learns) and, if there is one,
-``oracle`` are among them.
+``Rows`` are the results of all seeds by row. Row ``none`` is the predictor that never learns; row ``oracle`` may be
+missing.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def stream_table(title: str, rows: Rows, settings: Mapping[str, str] | None = No
 
     Args:
         title: Heading.
-        rows: Results of the seeds by row.
-        settings: Spec of each row, where it is not its name.
+        rows: Results of all seeds by row.
+        settings: Spec of each row, where the spec is not the name.
     """
     everything = [result for results in rows.values() for result in results]
     ordered = {row: rows[row] for row in sorted(rows, key=lambda row: (row == ORACLE, row not in (*FILTERS, NONE)))}
@@ -49,26 +49,26 @@ def stream_table(title: str, rows: Rows, settings: Mapping[str, str] | None = No
     single = all(len(results) == 1 for results in rows.values())
     cells = {
         row: {
-            "ADE [95 %]" if single else "ADE": _ade(results, single),
+            **(
+                {"ADE [95 %]": interval(results[0]["ade"])}
+                if single
+                else {"ADE": spread(result["ade"]["mean"] for result in results)}
+            ),
             **({f"ADE on {name}": on_domain(results[0], name) for name in names} if single and len(names) > 1 else {}),
             **_adaptation(results, rows),
         }
         for row, results in ordered.items()
     }
     columns = list(next(iter(cells.values())))
-    # A single run shows only what can be said of it.
-    told = [name for name in columns if not single or any(cell[name] != "-" for cell in cells.values())]
+    # The table of single runs has no empty columns.
+    shown = [name for name in columns if not single or any(cell[name] != "-" for cell in cells.values())]
     table = [
-        [Code((settings or {}).get(row, row)), *(by_column[name] for name in told)] for row, by_column in cells.items()
+        [Code((settings or {}).get(row, row)), *(by_column[name] for name in shown)] for row, by_column in cells.items()
     ]
-    notes = [*stream_notes(everything), *(f"{name}: {text}" for name, text in LEGEND.items() if name in told)]
+    notes = [*stream_notes(everything), *(f"{name}: {text}" for name, text in LEGEND.items() if name in shown)]
     if len(everything[0]["segments"]) > 1 and ORACLE not in rows:
         notes.append("no oracle was named, so that there is no gain")
-    return Table(title, ["method", *told], table, notes, f"ADE, {unit_of(everything)}, k = 1")
-
-
-def _ade(results: Sequence[Result], single: bool) -> str:
-    return interval(results[0]["ade"]) if single else spread(result["ade"]["mean"] for result in results)
+    return Table(title, ["method", *shown], table, notes, f"ADE, {unit_of(everything)}, k = 1")
 
 
 def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
@@ -93,7 +93,7 @@ def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
 
 
 def stream_notes(results: Sequence[Result]) -> list[str]:
-    """What is true of all rows of a stream."""
+    """Notes on all rows of a stream."""
     first = results[0]
     matured, agents = (span(r["ade"][name] for r in results) for name in ("agent_windows", "agents"))
     single = len({r["row"] for r in results}) == len(results)
@@ -107,11 +107,11 @@ def stream_notes(results: Sequence[Result]) -> list[str]:
 
 
 def choice_table(where: str, weights: str, tried: Mapping[str, Mapping[str, float]]) -> Table:
-    """Which settings were tried on the shift among sources, and which are best.
+    """The settings that were compared on another shift, with the best ones first.
 
     Args:
         where: The domains of that shift.
-        weights: Weights of the predictor there.
+        weights: Weights of the predictor on that shift.
         tried: ADE by row and spec; the row ``none`` has one value.
     """
     rows = []
@@ -128,7 +128,7 @@ def choice_table(where: str, weights: str, tried: Mapping[str, Mapping[str, floa
 
 
 def milestones_table(title: str, rows: Rows) -> Table:
-    """ADE over the last forecasts after so many labels from the first shift."""
+    """ADE over the last forecasts, at several numbers of matured forecasts after the first shift."""
     everything = [result for results in rows.values() for result in results]
     table = [
         [Code(row), *(spread(at) if at else "-" for at in _at_milestones(rs).values())] for row, rs in rows.items()
@@ -149,16 +149,16 @@ def summary_table(titles: Mapping[str, str], sudden: Mapping[str, Rows]) -> Tabl
         for row, results in rows.items():
             share = gain_of(results, rows[NONE], rows[ORACLE])
             after = spread(after_first(result) for result in results)
-            told = after if share is None or row in (NONE, ORACLE) else f"{after} ({share:.2f})"
-            cells.setdefault(row.replace(",every=4", ""), {})[name] = told
+            text = after if share is None or row in (NONE, ORACLE) else f"{after} ({share:.2f})"
+            cells.setdefault(row.replace(",every=4", ""), {})[name] = text
     order = sorted(cells, key=lambda row: (row == ORACLE, row not in (*FILTERS, NONE)))
-    rows_of_cells = [[Code(row), *(cells[row].get(name, "-") for name in titles)] for row in order]
+    table = [[Code(row), *(cells[row].get(name, "-") for name in titles)] for row in order]
     everything = {name: [r for results in rows.values() for r in results] for name, rows in sudden.items()}
     together = [result for results in everything.values() for result in results]
     notes = [f"{title}: {stream_notes(everything[name])[0]}" for name, title in titles.items()]
     notes += [SEEDS, f"gain: {LEGEND['gain']}", "settings were chosen on another shift, on frames that are not scored"]
     caption = f"ADE, {unit_of(together)}, k = 1 (adaptation gain)"
-    return Table("After a sudden shift", ["method", *titles.values()], rows_of_cells, notes, caption)
+    return Table("After a sudden shift", ["method", *titles.values()], table, notes, caption)
 
 
 def shift_panel(name: str, title: str, kinds: Mapping[str, Rows]) -> Panel:
@@ -182,19 +182,18 @@ def shift_panel(name: str, title: str, kinds: Mapping[str, Rows]) -> Panel:
 
 
 def _after(result: Result, start: int) -> float:
-    """Mean of the trailing means at ``start`` and every 50 forecasts later; they do not overlap."""
-    after = [
-        ade for n, _, ade in (first_shift(result) or {"after": []})["after"] if (n - start) % TRAIL == 0 <= n - start
-    ]
+    """Mean of the trailing means at ``start`` and every 50 forecasts later, which do not overlap."""
+    shift = first_shift(result) or {"after": []}
+    after = [ade for n, _, ade in shift["after"] if (n - start) % TRAIL == 0 <= n - start]
     return float(np.mean(after)) if after else float("nan")
 
 
 def _at_milestones(results: Sequence[Result]) -> dict[int, list[float]]:
-    """Trailing means of the seeds at each milestone; none where a seed has none."""
+    """Trailing means of all seeds at each milestone; empty if a seed does not reach the milestone."""
     after = [{int(n): ade for n, _, ade in (first_shift(r) or {"after": []})["after"]} for r in results]
     return {n: [by_count[n] for by_count in after] if all(n in a for a in after) else [] for n in MILESTONES}
 
 
 def _further(row: str, spec: str) -> str:
-    """What a spec has beyond that of its row."""
+    """The parameters that a spec adds to its row."""
     return spec[len(row) :].lstrip(":,") or "defaults"

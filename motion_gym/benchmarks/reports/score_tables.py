@@ -15,7 +15,7 @@ from motion_gym.benchmarks.reports.conditions import (
     scored,
     unit_of,
 )
-from motion_gym.benchmarks.reports.table import Table, interval, number, pair
+from motion_gym.benchmarks.reports.table import Table, interval, number
 
 
 def domain_table(results: Sequence[Result]) -> Table:
@@ -30,13 +30,15 @@ def domain_table(results: Sequence[Result]) -> Table:
         metrics = result["metrics"]
         baseline = result["predictor"] == BASELINE
         row = [label(result), interval(metrics["ADE"]), interval(metrics["FDE"])]
-        row += ["-" if baseline else interval(result["versus_baseline"]["ADE"], sign=True), *_best_of(result)]
+        row += ["-" if baseline else interval(result["versus_baseline"]["ADE"], sign=True)]
+        for names in ((f"minADE_{k}", f"minFDE_{k}"), (f"JADE_{k}", f"JFDE_{k}")) if k > 1 else ():
+            row.append(" / ".join(number(metrics[name]["mean"]) for name in names))
         rows.append(row + [number(metrics.get(name, {}).get("mean")) for name in densities])
     return Table(results[0]["spec"], columns, rows, [scored(results[:1]), *not_computed(results), *leaks(results)])
 
 
 def conditions(results: Sequence[Result]) -> list[str]:
-    """What is true of all tables together: protocol, k, unit, intervals, and how weights were selected."""
+    """Notes on all tables: protocol, k, unit, intervals, and how weights were selected."""
     first = results[0]
     lines = [
         f"{first['split']} split, protocol {first['protocol']}, k = {first['k']}; {measured(results)}",
@@ -44,8 +46,8 @@ def conditions(results: Sequence[Result]) -> list[str]:
     ]
     shown = {r["predictor"]: r["reference_scenes"] for r in results if r["reference_scenes"]}
     lines += [f"{name}: was shown {n} reference scenes, disjoint from those scored" for name, n in shown.items()]
-    given = dict.fromkeys((r["predictor"], r["shots"]) for r in results if r["shots"])
-    lines += [f"{name}: was given {n} scenes of the domain's training split" for name, n in given]
+    shots = dict.fromkeys((r["predictor"], r["shots"]) for r in results if r["shots"])
+    lines += [f"{name}: was given {n} scenes of the domain's training split" for name, n in shots]
     single = dict.fromkeys(r["predictor"] for r in results if r["samples"] < r["k"])
     lines += [f"{', '.join(single)}: deterministic, one forecast stands for all {first['k']} samples"] if single else []
     selected: dict[str, dict[str, None]] = {}
@@ -58,10 +60,3 @@ def label(result: Result) -> str:
     """Predictor, with its seed if that is not 0, and marked if it is an oracle."""
     seed = f", seed {result['seed']}" if result["seed"] else ""
     return f"{result['predictor']}{seed}{' (oracle)' if result['oracle'] else ''}"
-
-
-def _best_of(result: Result) -> list[str]:
-    """ADE / FDE of the best sample of each agent and of each scene; nothing for one sample."""
-    metrics, k = result["metrics"], result["k"]
-    names = ((f"minADE_{k}", f"minFDE_{k}"), (f"JADE_{k}", f"JFDE_{k}")) if k > 1 else ()
-    return [pair(number(metrics[ade]["mean"]), number(metrics[fde]["mean"])) for ade, fde in names]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import row_name
+from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports.conditions import (
     Result,
     in_order,
@@ -19,20 +19,17 @@ from motion_gym.benchmarks.reports.conditions import (
     selections,
     unit_of,
 )
-from motion_gym.benchmarks.reports.table import Code, Strong, Table, number, pair, spread
+from motion_gym.benchmarks.reports.table import Code, Strong, Table, number, spread
 
-if TYPE_CHECKING:
-    from motion_gym.benchmarks.objects import Part
-
-Found = Sequence[tuple["Part", Sequence[Result]]]
+Parts = Sequence[tuple[Part, Sequence[Result]]]
 """Each part of a benchmark with the results of its runs."""
 Errors = dict[tuple[str, str], np.ndarray]
-"""Values of the seeds by row and column."""
+"""Values of all seeds by row and column."""
 SEEDS = "cells are mean ± standard error over seeds; the interval of every run is stored with it"
 
 
 def over_seeds(part: Part, results: Sequence[Result], metric: str = "ADE") -> Errors:
-    """Values of the seeds by row and column, the pooled columns included."""
+    """Values of all seeds by row and column, with the pooled columns."""
     values: dict[tuple[str, str], list[float]] = {}
     for result in in_order(results):
         values.setdefault((row_name(result["predictor"]), part.column_of(result)), []).append(
@@ -52,69 +49,60 @@ def part_tables(part: Part, results: Sequence[Result]) -> list[Table]:
         DataError: the results are of several units or scoring versions.
     """
     k = max(result["k"] for result in results)
-    ways = {"k = 1": ("ADE", "FDE")}
+    tables = [_table(part, results, part.title, "k = 1", ("ADE", "FDE"), notes(part, results))]
     if any(result["samples"] > 1 for result in results):
-        ways[f"k = {k}, best sample of each agent"] = (f"minADE_{k}", f"minFDE_{k}")
-        ways[f"k = {k}, best sample of each scene"] = (f"JADE_{k}", f"JFDE_{k}")
-    tables: list[Table] = []
-    for way, (ade, fde) in ways.items():
-        caption = f"{ade} / {fde} ({way}), {unit_of(results)}"
-        title = part.title if not tables else f"{part.title}: {way}"
-        tables.append(_table(part, results, title, caption, ade, fde, [] if tables else notes(part, results)))
+        for unit, names in (("agent", (f"minADE_{k}", f"minFDE_{k}")), ("scene", (f"JADE_{k}", f"JFDE_{k}"))):
+            samples = f"k = {k}, best sample of each {unit}"
+            tables.append(_table(part, results, f"{part.title}: {samples}", samples, names, []))
     return tables
 
 
 def short_table(part: Part, results: Sequence[Result]) -> Table:
-    """The ADE at k = 1 alone."""
-    caption = f"ADE, {unit_of(results)}, k = 1"
-    return _table(part, results, part.title, caption, "ADE", None, notes(part, results))
+    """The table of the ADE at k = 1."""
+    return _table(part, results, part.title, "k = 1", ("ADE",), notes(part, results))
 
 
 def _table(
-    part: Part, results: Sequence[Result], title: str, caption: str, ade: str, fde: str | None, notes: Sequence[str]
+    part: Part, results: Sequence[Result], title: str, samples: str, metrics: Sequence[str], notes: Sequence[str]
 ) -> Table:
     columns = [*part.pooled, *part.domains]
-    ades, fdes = over_seeds(part, results, ade), over_seeds(part, results, fde or ade)
+    errors = [over_seeds(part, results, metric) for metric in metrics]
     rows = []
-    for row in dict.fromkeys(row for row, _ in ades):
-        cells = [
-            _cell(ades.get((row, column), np.empty(0)), fde and fdes.get((row, column), np.empty(0)))
-            for column in columns
-        ]
-        seeds = max(len(values) for (name, _), values in ades.items() if name == row)
+    for row in dict.fromkeys(row for row, _ in errors[0]):
+        cells = [" / ".join(spread(values.get((row, column), [])) for values in errors) for column in columns]
+        seeds = max(len(values) for (name, _), values in errors[0].items() if name == row)
         rows.append([Code(row), *cells, str(seeds) if seeds > 1 else "-"])
+    unit = unit_of(results)
+    caption = f"{' / '.join(metrics)} ({samples}), {unit}" if len(metrics) > 1 else f"{metrics[0]}, {unit}, {samples}"
     return Table(title, ["method", *columns, "seeds"], rows, notes, caption)
 
 
-def _cell(ade: np.ndarray, fde: Any) -> str:
-    return spread(ade) if fde is None else pair(spread(ade), spread(fde))
-
-
 def notes(part: Part, results: Sequence[Result]) -> list[str]:
-    """What must be said of all cells."""
+    """Notes on all cells."""
     return [f"protocol {part.protocol}; {measured(results)}; {SEEDS}", scored(results), *further_notes(part, results)]
 
 
 def further_notes(part: Part, results: Sequence[Result]) -> list[str]:
-    """What is behind the columns, what leaks, and how weights were selected."""
+    """Notes on pooled columns, reference scenes, shots, leaks, and how weights were selected."""
     ordered = in_order(results)
-    given = {name: max([r["shots"] for r in results if part.column_of(r) == name], default=0) for name in part.domains}
-    shown = max(result["reference_scenes"] for result in results)
+    shots = {name: max([r["shots"] for r in results if part.column_of(r) == name], default=0) for name in part.domains}
+    references = max(result["reference_scenes"] for result in results)
     lines = [f"{name}: mean of {', '.join(columns)}, each counting the same" for name, columns in part.pooled.items()]
-    lines += [f"rows with a style read the style from {shown} reference scenes"] if shown else []
-    if any(given.values()):
-        shots = ", ".join(map(str, given.values()))
-        lines.append(f"scenes of the domain's training split that rows learn from: {shots}")
+    lines += [f"rows with a style read the style from {references} reference scenes"] if references else []
+    if any(shots.values()):
+        lines.append(
+            f"scenes of the domain's training split that rows learn from: {', '.join(map(str, shots.values()))}"
+        )
     return [*lines, *not_computed(results), *leaks(ordered), *selections(ordered)]
 
 
-def schedules(found: Found) -> Table:
-    """Which schedule is best on the held-out style, for each choice of what ``transfer`` tunes.
+def schedules(parts: Parts) -> Table:
+    """Errors of each schedule on the held-out style, for each choice of what ``transfer`` tunes; the best is bold.
 
     Args:
-        found: The parts of the benchmark; the last one holds ``transfer`` with every schedule.
+        parts: The parts of the benchmark; the last one holds ``transfer`` with every schedule.
     """
-    part, results = found[-1]
+    part, results = parts[-1]
     values, columns = over_seeds(part, results), list(part.domains)
     means: dict[str, dict[tuple[int, float], float]] = {}
     for row in dict.fromkeys(row for row, _ in values):
@@ -124,10 +112,10 @@ def schedules(found: Found) -> Table:
             means.setdefault(parameters["parts"], {})[schedule] = _mean(values[row, column] for column in columns)
     tried = list(dict.fromkeys(schedule for errors in means.values() for schedule in errors))
     rows = []
-    for parts, errors in means.items():
+    for tuned, errors in means.items():
         best = min(errors, key=lambda schedule: errors[schedule])
         cells = [Strong(number(errors[s])) if s == best else number(errors.get(s)) for s in tried]
-        rows.append([parts, *cells])
+        rows.append([tuned, *cells])
     untuned = _mean(values["modular_invariant", column] for column in columns)
     caption = (
         f"ADE, {unit_of(results)}, on a held-out style ({part.title}), mean over seeds and over {', '.join(columns)} "

@@ -1,4 +1,4 @@
-"""Tables of stored studies. They take what ``studies`` returned and compute no forecasts."""
+"""Tables of stored studies. They show values of ``studies`` and compute no forecasts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Study = Mapping[str, Any]
 
 
 def by_references(study: Study) -> Table:
-    """How the error falls with the number of reference scenes; see ``studies.by_references``."""
+    """Errors by the number of reference scenes; see ``studies.by_references``."""
     rows = [
         [Code(row), name, *(spread(values) for values in by_count)]
         for name, by_row in study["ade"].items()
@@ -34,7 +34,7 @@ def by_references(study: Study) -> Table:
 
 
 def left_out(study: Study) -> Table:
-    """Errors on each source that was left out of the fit; see ``studies.left_out``."""
+    """Errors on each source that is left out of the fit; see ``studies.left_out``."""
     columns = list(next(iter(study["ade"].values())))
     rows = []
     for row, errors in study["ade"].items():

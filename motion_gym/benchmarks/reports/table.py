@@ -1,11 +1,10 @@
-"""One table for every result: columns and rows of text, shown as Markdown, as HTML or in the terminal.
+"""One class for all tables: columns and rows of text, shown as Markdown or in the terminal.
 
-All cells are text. The functions below write numbers, so that every table has one number format.
+The functions below format numbers, so that all tables have one number format.
 """
 
 from __future__ import annotations
 
-import html
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,9 +15,9 @@ import numpy as np
 from motion_gym.contract import SpecError
 
 WIDEST_CELL = 40
-"""Columns of the terminal after which the text of a cell is folded."""
+"""Characters after which the text of a cell is folded in the terminal."""
 WIDE = 100
-"""Columns of the terminal from which on a mean and its interval stand in one line."""
+"""Width of the terminal, in characters, from which on a mean and its interval are on one line."""
 
 
 class Code(str):
@@ -35,14 +34,14 @@ class Strong(str):
 
 @dataclass(frozen=True)
 class Table:
-    """A table with what must be said of it.
+    """A table with its caption and notes.
 
     Attributes:
         title: Heading.
         columns: Names of the columns.
-        rows: Cells of each row, as many as there are columns.
+        rows: Cells of each row, one for each column.
         notes: Sentences without a full stop, shown under the table.
-        caption: What the cells are, shown above the table.
+        caption: Description of the cells, shown above the table.
     """
 
     title: str
@@ -73,17 +72,6 @@ class Table:
         parts += ["\n".join(f"- {_plain(note)}." for note in self.notes)] if self.notes else []
         return "\n\n".join(parts)
 
-    def html(self) -> str:
-        """The table as a plain HTML table; every text is escaped."""
-        head = "".join(f"<th>{html.escape(column)}</th>" for column in self.columns)
-        body = "\n".join(f"<tr>{''.join(f'<td>{_html(cell)}</td>' for cell in row)}</tr>" for row in self.rows)
-        caption = ". ".join(html.escape(text) for text in (self.title, self.caption) if text)
-        notes = "".join(f"<li>{html.escape(note)}.</li>\n" for note in self.notes)
-        return (
-            f"<table>\n<caption>{caption}</caption>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
-            + (f"\n<ul>\n{notes}</ul>" if notes else "")
-        )
-
     def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
         """Print the table with rich; columns that do not fit side by side go into a second table with the same rows."""
         from rich import box
@@ -112,7 +100,7 @@ class Table:
 
 
 def _fitting(columns: Sequence[list[str]], width: int) -> list[list[list[str]]]:
-    """Columns in parts that fit a width, each part with the first column."""
+    """Columns in groups that fit a width; each group begins with the first column."""
     first, *others = columns
     parts, used = [[first]], _width(first)
     for column in others:
@@ -138,14 +126,8 @@ def _markdown(cell: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that holds no HTML tag and no comment, so that no marker of a file can come from it."""
+    """Text without HTML tags and comments, so that it contains no marker of a file."""
     return re.sub(r"<(?=[A-Za-z/!])", "&lt;", text)
-
-
-def _html(cell: str) -> str:
-    text = html.escape(cell)
-    tag = "code" if isinstance(cell, Code) else "strong" if isinstance(cell, Strong) else None
-    return f"<{tag}>{text}</{tag}>" if tag else text
 
 
 def number(value: float | None, sign: bool = False) -> str:
@@ -171,11 +153,6 @@ def interval(value: Mapping[str, Any], sign: bool = False) -> str:
     return f"{number(value['mean'], sign)} [{number(value['low'], sign)}, {number(value['high'], sign)}]"
 
 
-def pair(first: str, second: str) -> str:
-    """Two cells in one, as ADE / FDE."""
-    return f"{first} / {second}"
-
-
 def percent(share: float) -> str:
     """A relative difference with its sign, as ``+12 %``."""
     return f"{100 * share:+.0f} %"
@@ -188,5 +165,5 @@ def p_text(value: float | None) -> str:
 
 def span(values: Iterable[float]) -> str:
     """``3`` for one distinct value, ``3 to 5`` for several."""
-    there = sorted(set(values))
-    return f"{there[0]}" if len(there) == 1 else f"{there[0]} to {there[-1]}"
+    ordered = sorted(set(values))
+    return f"{ordered[0]}" if len(ordered) == 1 else f"{ordered[0]} to {ordered[-1]}"
