@@ -94,14 +94,12 @@ def train(
     scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
     say(f"Written: {path}")
     say(f"{len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} {unit}.")
-    for source in card.get("sources", ()) if domain else ():
-        noise = "unknown" if source["noise"] is None else f"up to {source['noise']:g} {unit}"
-        say(
-            f"Trained on {source['domain']}: {source['agent_windows']} agent-windows in {source['scenes']} scenes, "
-            f"steps of {source['dt']:g} s, measurement noise {noise}."
-        )
     if domain:
-        say(f"Score it: motion-gym score {predictor} --weights {path} --domain {shlex.quote(domain)}")
+        for source in card.get("sources", ()):
+            noise = "unknown" if source["noise"] is None else f"up to {source['noise']:g} {unit}"
+            say(f"Trained on {source['domain']}, steps of {source['dt']:g} s:")
+            say(f"  {source['agent_windows']} agent-windows in {source['scenes']} scenes, measurement noise {noise}")
+        say(f"Score it:\n  motion-gym score {predictor} --domain {shlex.quote(domain)} \\\n    --weights {path}")
 
 
 def import_weights(
