@@ -66,6 +66,8 @@ results: $(VENV)/.ready
 	  done
 	cd $(ROOT) && $(BIN)/motion-gym run style --into README.md
 	cd $(ROOT) && $(BIN)/motion-gym claims --out docs/claims.md
+	cd $(ROOT) && $(BIN)/motion-gym show orca:agents=10,d=0.5,scenes=50 --scene 3 --predictor constant_velocity \
+	  --predictor modular_stgat --out docs/scene.svg
 
 # Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.
 bench: $(VENV)/.ready

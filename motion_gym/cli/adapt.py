@@ -14,7 +14,7 @@ from motion_gym.benchmarks.identity import canonical, digest_of, stream_identity
 from motion_gym.benchmarks.jobs import Job, Runner
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE
 from motion_gym.benchmarks.reports.online_tables import stream_table
-from motion_gym.cli.output import Out, begin, console, end, progress_bar, reporter, say
+from motion_gym.cli.output import Json, Out, begin, console, end, print_json, progress_bar, reporter, say
 from motion_gym.contract import SpecError
 from motion_gym.data.storage import cache_folder
 from motion_gym.online.evaluation import check_options, evaluate_online
@@ -42,6 +42,7 @@ def adapt(
     seed: int = 0,
     out: Out = None,
     resume: bool = False,
+    as_json: Json = False,
 ) -> None:
     """Let adapters learn on a stream, and compare them with constant velocity, the source model, and an oracle.
 
@@ -66,6 +67,7 @@ def adapt(
         out: Folder for one JSON file per run. Runs of shipped predictors, adapters and domains are reused; your own are
             run each time, since changes of their code and files are not noticed.
         resume: Resume the same command after an interruption: its runs in OUT are reused, your own included.
+        as_json: Print JSON in place of tables.
     """
     if not adapter:
         raise SpecError(f"No adapter was named: add --adapter {next(iter(catalog.ADAPTERS))}, or see `motion-gym ls`.")
@@ -97,9 +99,12 @@ def adapt(
             rows |= {key[-1]: runs for key, runs in runner.rows([Job(row, (), row, "", [identity], compute)]).items()}
             if row in (BASELINE, NONE) and row not in rows:
                 end(out, runner)  # raises, since every table needs these rows
-    console.print(stream_table(played.name, rows))
+    if as_json:
+        print_json([run for runs in rows.values() for run in runs])
+    else:
+        console.print(stream_table(played.name, rows))
     end(out, runner)
-    if out is not None:
+    if out is not None and not as_json:
         say(f"Results are in {out}.")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Mapping
 from typing import Annotated
 
 import tyro
@@ -10,51 +11,82 @@ import tyro
 from motion_gym import catalog
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import BENCHMARKS, benchmark
-from motion_gym.cli.output import console, say
+from motion_gym.cli.output import Json, console, print_json, say
 from motion_gym.contract import SpecError
 from motion_gym.data import datasets
 from motion_gym.metrics.errors import METRICS
 from motion_gym.scoring.evaluation import PROTOCOLS
 
 
-def ls(name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None) -> None:
+def ls(
+    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")] = None, as_json: Json = False
+) -> None:
     """List domains, predictors, adapters, benchmarks, protocols, metrics and data sets, or explain one.
 
     Args:
         name: Domain, predictor or adapter to explain, with its parameters; without a name, all are listed.
+        as_json: Print JSON in place of tables.
     """
     if name is not None:
-        _explain(name)
+        explained = _explained(name)
+        if as_json:
+            print_json(explained)
+        else:
+            say(f"{name}{explained['signature']}\n\n{explained['description']}")
         return
     head = ("name", "description")
-    domains = [(key, entry.env_id or "", entry.summary) for key, entry in catalog.DOMAINS.items()]
-    predictors = [(key, entry.summary) for key, entry in catalog.PREDICTORS.items()]
-    adapters = [(key, entry.summary) for key, entry in catalog.ADAPTERS.items()]
-    benchmarks = [(key, benchmark(key).title) for key in BENCHMARKS]
-    metrics = [(metric.name, metric.unit, metric.description) for metric in METRICS]
-    sets = [(entry.name, entry.title) for entry in datasets.DATASETS.values()]
-    for table in (
-        Table(
-            "Domains  (name:parameter=value; also environments motion_gym/ID)", ("name", "id", "description"), domains
+    rows: dict[str, tuple[str, tuple[str, ...], list[tuple[str, ...]]]] = {
+        "domains": (
+            "Domains  (name:parameter=value; also environments motion_gym/ID)",
+            ("name", "id", "description"),
+            [(key, entry.env_id or "", entry.summary) for key, entry in catalog.DOMAINS.items()],
         ),
-        Table("Predictors  (or your own: module:Class)", head, predictors),
-        Table("Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)", head, adapters),
-        Table("Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)", head, benchmarks),
-        Table("Protocols", head, list(PROTOCOLS.items())),
-        Table("Metrics", ("name", "unit", "description"), metrics),
-        Table("Data sets  (motion-gym data ...)", head, sets),
-    ):
-        console.print(table)
+        "predictors": ("Predictors  (or your own: module:Class)", head, _summaries(catalog.PREDICTORS)),
+        "adapters": (
+            "Adapters  (motion-gym adapt PREDICTOR --adapter NAME; or your own: module:Class)",
+            head,
+            _summaries(catalog.ADAPTERS),
+        ),
+        "benchmarks": (
+            "Benchmarks  (motion-gym run NAME; or your own: module:OBJECT)",
+            head,
+            [(key, benchmark(key).title) for key in BENCHMARKS],
+        ),
+        "protocols": ("Protocols", head, list(PROTOCOLS.items())),
+        "metrics": (
+            "Metrics",
+            ("name", "unit", "description"),
+            [(metric.name, metric.unit, metric.description) for metric in METRICS],
+        ),
+        "data_sets": (
+            "Data sets  (motion-gym data ...)",
+            head,
+            [(entry.name, entry.title) for entry in datasets.DATASETS.values()],
+        ),
+    }
+    if as_json:
+        print_json(
+            {key: [dict(zip(names, row, strict=True)) for row in table] for key, (_, names, table) in rows.items()}
+        )
+        return
+    for title, names, table in rows.values():
+        console.print(Table(title, names, table))
 
 
-def _explain(name: str) -> None:
+def _summaries(entries: Mapping[str, catalog.Entry]) -> list[tuple[str, ...]]:
+    return [(key, entry.summary) for key, entry in entries.items()]
+
+
+def _explained(name: str) -> dict[str, str]:
+    """Name, signature and documentation of one entry."""
     target, _ = catalog.parse_spec(name)
     known = {**catalog.DOMAINS, **catalog.PREDICTORS, **catalog.ADAPTERS}
     if target not in known and ":" not in target:
         raise SpecError(f"There is nothing of the name `{name}`.{catalog.suggest(name, known)} Your own: module:Class.")
     entry = known.get(target)
     kind = catalog.load_class(entry.target if entry else target)
-    say(f"{name}{inspect.signature(kind)}\n\n{inspect.getdoc(kind)}")
+    texts = [inspect.getdoc(kind) or "It has no docstring."]
     parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
     if parent is not None and "## Arguments" not in (kind.__doc__ or ""):
-        say(f"\n{inspect.getdoc(parent)}")
+        texts.append(inspect.getdoc(parent) or "")
+    return {"name": name, "signature": str(inspect.signature(kind)), "description": "\n\n".join(texts)}

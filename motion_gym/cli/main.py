@@ -23,6 +23,7 @@ from motion_gym.cli.score import score
 from motion_gym.cli.show import show
 from motion_gym.cli.train import import_weights, train
 from motion_gym.contract import MotionGymError
+from motion_gym.specs import suggest
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "score": score,
@@ -46,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments == ["--version"]:
         print(f"motion-gym {importlib.metadata.version('motion-gym')}")
         return
+    if arguments and arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
+        _fail(f"There is no command `{arguments[0]}`.{suggest(arguments[0], COMMANDS)}")
     # module:Class finds files of the working folder.
     sys.path.insert(0, os.getcwd())
     warnings.showwarning = _show_warning

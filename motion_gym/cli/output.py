@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import sys
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,23 +22,39 @@ from motion_gym.data.storage import StorageError
 console = Console(emoji=False)
 Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Text = Annotated[str | None, tyro.conf.arg(metavar="TEXT")]
+Json = Annotated[bool, tyro.conf.arg(name="json")]
+SECONDS_BETWEEN_LINES = 20.0
+"""Shortest time between two lines of progress where the error stream is not a terminal."""
 
 
 def progress_bar() -> Progress:
-    """A bar on the error stream with a description, a count and the time left; hidden unless in a terminal."""
+    """A bar on the error stream with a description, a count and the time left; hidden outside a terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     screen = Console(stderr=True)
     return Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal)
 
 
 def reporter(progress: Progress, title: str) -> Callable[[int, int, str], None]:
-    """A function that shows on a bar the number of finished steps, the number of all steps, and a label."""
+    """A function that shows the number of finished steps, the number of all steps, and a label.
+
+    It moves a bar in a terminal, and prints a line now and then elsewhere, as in the log of a job.
+    """
     task: Any = progress.add_task(escape(title), total=None)
+    last = time.monotonic()
 
     def report(done: int, total: int, label: str) -> None:
+        nonlocal last
         progress.update(task, total=total, completed=done, description=escape(label))
+        if progress.disable and time.monotonic() - last >= SECONDS_BETWEEN_LINES:
+            last = time.monotonic()
+            print(f"{done} of {total} done: {label}", file=sys.stderr, flush=True)
 
     return report
+
+
+def print_json(value: Any) -> None:
+    """Print a value of JSON types to the standard output."""
+    print(json.dumps(value, indent=1, allow_nan=False))
 
 
 def say(text: str) -> None:
@@ -47,11 +66,12 @@ def begin(folder: Path | None, arguments: Sequence[str], resume: bool) -> str:
     """Begin a command that writes runs into a folder, or resume the interrupted one; returns its session."""
     session, resumed = store.begin(folder, arguments, resume)
     if resume:
-        say(
+        message = (
             f"Going on with the same command, which was interrupted: its runs in {folder} are reused."
             if resumed
             else f"There is no interrupted command with these arguments in {folder}: it begins anew."
         )
+        print(message, file=sys.stderr)
     return session
 
 

@@ -15,7 +15,7 @@ from motion_gym.benchmarks.identity import windows_identity
 from motion_gym.benchmarks.jobs import Job, Runner, score_windows
 from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.benchmarks.reports import score_tables
-from motion_gym.cli.output import Out, begin, console, end, progress_bar, reporter, say
+from motion_gym.cli.output import Json, Out, begin, console, end, print_json, progress_bar, reporter, say
 from motion_gym.contract import Domain, SpecError
 from motion_gym.data.domains import spec_of
 from motion_gym.scoring.evaluation import BASELINE, default_k
@@ -35,6 +35,7 @@ def score(
     weights: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     out: Out = None,
     resume: bool = False,
+    as_json: Json = False,
 ) -> None:
     """Score predictors on domains, beside constant velocity and the domain's oracle.
 
@@ -53,6 +54,7 @@ def score(
         out: Folder for one JSON file per run. Runs of shipped predictors and domains are reused; your own are
             scored each time, since changes of their code and files are not noticed.
         resume: Resume the same command after an interruption: its runs in OUT are reused, your own included.
+        as_json: Print JSON in place of tables.
     """
     if not predictors:
         raise SpecError("No predictor was named: motion-gym score linear --domain eth. See `motion-gym ls`.")
@@ -73,13 +75,15 @@ def score(
             runner.report = reporter(progress, spec_of(place))
             rows = runner.rows([_job(name, place, options, session) for name in _between(predictors, place)])
         runs = [run for runs in rows.values() for run in runs]
-        if runs:
+        if runs and not as_json:
             console.print(score_tables.domain_table(runs))
         scored += runs
-    for line in score_tables.conditions(scored) if scored else ():
+    if as_json:
+        print_json(scored)
+    for line in score_tables.conditions(scored) if scored and not as_json else ():
         console.print(escape(line), style="dim", highlight=False)
     end(out, runner)
-    if out is not None:
+    if out is not None and not as_json:
         say(f"Results are in {out}.")
 
 

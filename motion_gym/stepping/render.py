@@ -21,6 +21,8 @@ SIZE = (7.2, 5.4)
 LABELLED = 12
 """Most agents that are labelled."""
 HISTORY_COLOR, TRUTH_COLOR, FORECAST_COLOR = "#2b6cb0", "#2f855a", "#dd6b20"
+SCORED_COLOR = "#805ad5"
+"""On the stream clock: forecasts of earlier steps whose ground truth is now known."""
 
 
 class Canvas:
@@ -151,9 +153,9 @@ class Canvas:
                 axis.set_major_formatter(partial(_shifted, shift))
         axes.spines[["top", "right"]].set_visible(False)
         if paths is not None:
-            _fan(axes, paths)
+            _fan(axes, paths, FORECAST_COLOR)
         if truth is not None and forecast is not None:
-            _settled(axes, truth, forecast)
+            _settled(axes, truth, forecast, FORECAST_COLOR if paths is None else SCORED_COLOR)
         if now := len(observation):
             xy = observation.xy
             axes.plot(*xy.transpose(2, 1, 0), color=HISTORY_COLOR, linewidth=1.8, solid_capstyle="round")
@@ -164,20 +166,27 @@ class Canvas:
                 axes.annotate(str(number), place, (5, 4), **label)
         # Above the axes, where they cover nothing.
         figure.text(0.03, 0.955, f"{self.title}, step {time}, {now} agent{'' if now == 1 else 's'}", fontsize=11)
-        handles = [
-            Line2D([], [], color=HISTORY_COLOR, linewidth=1.8, label="history"),
-            Line2D([], [], color=TRUTH_COLOR, linestyle=":", linewidth=2.0, label="truth"),
-            Line2D([], [], color=FORECAST_COLOR, alpha=0.6, linewidth=1.5, label="forecast"),
-        ]
-        figure.legend(handles=handles, loc="upper right", ncols=3, fontsize=9, frameon=False)
+        lines: dict[str, dict[str, Any]] = {
+            "history": dict(color=HISTORY_COLOR),
+            "forecast": dict(color=FORECAST_COLOR, alpha=0.6),
+            "ground truth": dict(color=TRUTH_COLOR, linestyle=":"),
+        }
+        if paths is not None:
+            # Forecasts are scored when their ground truth is complete, up to 12 steps after they were made.
+            earlier = {"earlier forecast, scored now": dict(color=SCORED_COLOR, alpha=0.6)}
+            lines |= {**earlier, "its ground truth": lines.pop("ground truth")}
+        handles = [Line2D([], [], linewidth=1.8, label=name, **style) for name, style in lines.items()]
+        figure.legend(
+            handles=handles, loc="upper right", ncols=2 if paths is not None else 3, fontsize=8, frameon=False
+        )
 
 
-def _settled(axes: Any, truth: Truth, forecast: Forecast) -> None:
+def _settled(axes: Any, truth: Truth, forecast: Forecast, color: str) -> None:
     """Forecasts with their ground truth."""
     last = truth.observation.xy[:, -1]
     samples = forecast.positions.shape[1]
     start = np.broadcast_to(last[:, None, None], (len(last), samples, 1, 2))
-    _fan(axes, np.concatenate([start, forecast.positions], axis=2))
+    _fan(axes, np.concatenate([start, forecast.positions], axis=2), color)
     for origin, future, known in zip(last, truth.future, truth.known, strict=True):
         path = np.concatenate([origin[None], future[known]])
         axes.plot(*path.T, ":", color=TRUTH_COLOR, linewidth=2.0)
@@ -188,7 +197,7 @@ def _shifted(shift: float, value: float, _: Any) -> str:
     return f"{value + shift:.10g}"
 
 
-def _fan(axes: Any, paths: np.ndarray) -> None:
+def _fan(axes: Any, paths: np.ndarray, color: str) -> None:
     """All samples [A, K, 13, 2]; more samples are fainter."""
     alpha = max(0.12, 0.6 / np.sqrt(max(paths.shape[1], 1)))
-    axes.plot(*paths.reshape(-1, FUTURE + 1, 2).transpose(2, 1, 0), color=FORECAST_COLOR, alpha=alpha, linewidth=1.5)
+    axes.plot(*paths.reshape(-1, FUTURE + 1, 2).transpose(2, 1, 0), color=color, alpha=alpha, linewidth=1.5)

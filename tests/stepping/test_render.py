@@ -108,6 +108,23 @@ def test_the_last_picture_of_an_episode_can_be_drawn():
     assert not env.agents and env.render().shape == (540, 720, 3)
 
 
+@pytest.mark.parametrize(
+    ("clock", "labels"),
+    [
+        ("windows", ["history", "forecast", "ground truth"]),
+        ("stream", ["history", "forecast", "earlier forecast, scored now", "its ground truth"]),
+    ],
+)
+def test_the_legend_explains_every_line(clock, labels):
+    env = after(13, clock=clock) if clock == "stream" else after(2, clock=clock)
+    env.render()
+
+    figure = env._canvas._figure
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == labels
+    shown = {line.get_color() for line in figure.axes[0].lines}
+    assert shown == {line.get_color() for line in figure.legends[0].get_lines()}
+
+
 def test_more_samples_are_fainter():
     one, many = (after(1, clock="stream", samples=k) for k in (1, 20))
     one.render(), many.render()
