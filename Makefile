@@ -34,7 +34,7 @@ test: $(VENV)/.ready
 CLIENTS := $(VENV)-clients
 $(CLIENTS)-%/.ready: $(ROOT)constraints-clients-%.txt $(VENV)/.ready
 	$(BIN)/python -m venv $(@D)
-	$(BIN)/python -c 'import sysconfig; print(f"import site; site.addsitedir({sysconfig.get_path(\"purelib\")!r})")' \
+	$(BIN)/python -c 'import sysconfig as s; print("import site; site.addsitedir(%r)" % s.get_path("purelib"))' \
 	  > "$$($(@D)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/venv.pth"
 	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check -r $<
 	@touch $@
