@@ -97,7 +97,9 @@ def training(name: str) -> Training:
     """
     known = trainings()
     if name not in known:
-        raise SpecError(f"There is no benchmark `{name}` to train for.{catalog.suggest(name, known)}")
+        raise SpecError(
+            f"There is no benchmark `{name}` to train for.{catalog.suggest(name, known)} To train on a domain: --domain."
+        )
     return known[name]
 
 
