@@ -98,7 +98,7 @@ def training(name: str) -> Training:
     known = trainings()
     if name not in known:
         raise SpecError(
-            f"There is no benchmark `{name}` to train for.{catalog.suggest(name, known)} To train on a domain: --domain."
+            f"There is no benchmark `{name}` to train for.{catalog.suggest(name, known)} On a domain: --domain {name}."
         )
     return known[name]
 
