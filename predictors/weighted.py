@@ -152,7 +152,7 @@ class Weighted:
             "seeds": seeds,
             "dt": train[0].observation.dt,
             "trained_on": list(names),
-            "sources": sources_of(train, names),
+            "sources": sources_of(train, names, program.config.get("train", ())),
             "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
             f"trained for {'/'.join(map(str, epochs))} epochs",
             "validation_ade": [round(score, 4) for score in run.scores_of(rounded)],

@@ -6,7 +6,7 @@ import functools
 import importlib.metadata
 import platform
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,26 +30,31 @@ def versions() -> dict[str, str]:
     return installed
 
 
-def sources_of(train: Sequence[Truth], names: Sequence[str] = ()) -> list[dict[str, Any]]:
+def sources_of(
+    train: Sequence[Truth], names: Sequence[str] = (), used: Sequence[Mapping[str, Any]] = ()
+) -> list[dict[str, Any]]:
     """What a training saw, for the card of its weights: one entry for each environment.
 
     Args:
         train: Windows of each environment.
         names: Specs of the environments, where they are known.
+        used: ``scenes`` and ``agent_windows`` of each environment that were used, where these are not all.
 
     Returns:
         ``domain``, ``dt`` (s), ``noise`` (see ``measurement_noise``), ``scenes`` and ``agent_windows``.
     """
     labels = names if len(names) == len(train) else [None] * len(train)
+    everything = [{"scenes": truth.observation.scenes, "agent_windows": len(truth.observation)} for truth in train]
+    counts = used if len(used) == len(train) else everything
     return [
         {
             "domain": name,
             "dt": round(float(truth.observation.dt), 6),
             "noise": measurement_noise(truth),
-            "scenes": truth.observation.scenes,
-            "agent_windows": len(truth.observation),
+            "scenes": count["scenes"],
+            "agent_windows": count["agent_windows"],
         }
-        for name, truth in zip(labels, train, strict=True)
+        for name, truth, count in zip(labels, train, counts, strict=True)
     ]
 
 
