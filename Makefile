@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-portable check results bench clean
+.PHONY: demo test test-clients test-portable check results bench clean
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt
 
@@ -29,6 +29,20 @@ demo: $(VENV)/.installed
 # Two tests side by side, each with one thread of torch: more would wait for each other.
 test: $(VENV)/.ready
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 $(ARGS)
+
+# Learning libraries, in environments of their own that also see the packages of .venv: RLlib needs an older Gymnasium.
+CLIENTS := $(VENV)-clients
+$(CLIENTS)-%/.ready: $(ROOT)constraints-clients-%.txt $(VENV)/.ready
+	$(BIN)/python -m venv $(@D)
+	$(BIN)/python -c 'import sysconfig as s; print("import site; site.addsitedir(%r)" % s.get_path("purelib"))' \
+	  > "$$($(@D)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/venv.pth"
+	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check -r $<
+	@touch $@
+
+test-clients: $(CLIENTS)-rl/.ready $(CLIENTS)-rllib/.ready
+	cd $(ROOT) && for name in rl rllib; do \
+	    OMP_NUM_THREADS=1 $(CLIENTS)-$$name/bin/python -m pytest tests/clients/$$name $(ARGS) || exit 1; \
+	  done
 
 # The numerical tests under other code paths of the same libraries, as other processors take them.
 NUMERICAL := tests/metrics tests/data tests/envs tests/stepping tests/scoring tests/online tests/predictors tests/training
@@ -61,4 +75,4 @@ bench: $(VENV)/.ready
 	cd $(ROOT) && BIN=$(BIN) sh bench/run
 
 clean:
-	rm -rf $(VENV) $(ROOT)build $(ROOT)dist $(ROOT)*.egg-info
+	rm -rf $(VENV) $(CLIENTS)-* $(ROOT)build $(ROOT)dist $(ROOT)*.egg-info

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from motion_gym.catalog import adapter, domain, predictor
 from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, Predictor, Recording, Truth
-from motion_gym.stepping.registration import register_all
+from motion_gym.stepping.registration import register, register_all
 
 if TYPE_CHECKING:
     from motion_gym.benchmarks.running import benchmark
@@ -82,6 +82,7 @@ __all__ = [
     "parallel_env",
     "predictor",
     "read_recording",
+    "register",
     "show",
     "stream",
     "truth_from_infos",

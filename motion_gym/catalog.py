@@ -190,6 +190,18 @@ def domain(spec: str | Domain, **parameters: Any) -> Domain:
     return _make(spec, parameters, _DOMAIN)
 
 
+def check_domain_spec(spec: str, **parameters: Any) -> None:
+    """Import the class of a domain, and compare the parameters with its constructor; no domain is made.
+
+    Raises:
+        SpecError: There is no such class, it is no domain, or it lacks a parameter.
+    """
+    name, factory, arguments = _factory(spec, parameters, _DOMAIN)
+    _check_unknown(name, _parameters_of(name, factory, "domain"), arguments, "domain")
+    if inspect.isclass(factory) and not issubclass(factory, load_class(str(_DOMAIN.base))):
+        raise SpecError(f"`{name}` is no domain: subclass motion_gym.RecordedDomain and define recordings.")
+
+
 def predictor(spec: str | Predictor, **parameters: Any) -> Predictor:
     """Make a predictor from a name, a spec, ``"module:Class"``, or an object, which is returned as it is.
 
@@ -326,19 +338,8 @@ def _factory(
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str, Any], kind: str) -> None:
     """Raise SpecError if a class does not take an argument, or needs another one."""
-    try:
-        known = inspect.signature(factory).parameters
-    except (TypeError, ValueError):
-        raise SpecError(f"`{name}` is no {kind}: it has no signature that can be read.") from None
-    takes_any = any(p.kind is p.VAR_KEYWORD for p in known.values())
-    unknown = next((key for key in arguments if key not in known and not takes_any), None)
-    if unknown == "of" and kind == "adapter":
-        raise SpecError(
-            f"`{name}` is no adapter, as its constructor takes no predictor: let it begin `def __init__(self, "
-            "of)`, and adapt a copy, `copy.deepcopy(of)`."
-        )
-    if unknown is not None:
-        raise ParameterError(f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}")
+    known = _parameters_of(name, factory, kind)
+    _check_unknown(name, known, arguments, kind)
     ordinary = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     missing = [k for k, p in known.items() if p.kind in ordinary and p.default is p.empty and k not in arguments]
     if missing == ["of"]:
@@ -348,3 +349,27 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: dict[str
         )
     if missing:
         raise SpecError(f"{kind.capitalize()} `{name}` needs {', '.join(missing)}: `{name}:{missing[0]}=...`.")
+
+
+def _parameters_of(name: str, factory: Callable[..., Any], kind: str) -> Mapping[str, inspect.Parameter]:
+    try:
+        return inspect.signature(factory).parameters
+    except (TypeError, ValueError):
+        raise SpecError(f"`{name}` is no {kind}: it has no signature that can be read.") from None
+
+
+def _check_unknown(name: str, known: Mapping[str, inspect.Parameter], arguments: Mapping[str, Any], kind: str) -> None:
+    """Raise ParameterError for an argument that a class does not take."""
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in known.values())
+    unknown = next((key for key in arguments if key not in known and not takes_any), None)
+    if unknown == "of" and kind == "adapter":
+        raise SpecError(
+            f"`{name}` is no adapter, as its constructor takes no predictor: let it begin `def __init__(self, "
+            "of)`, and adapt a copy, `copy.deepcopy(of)`."
+        )
+    if unknown is not None:
+        # The last words are Python's own, which learning libraries look for.
+        raise ParameterError(
+            f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)} "
+            f"(TypeError: got an unexpected keyword argument '{unknown}')"
+        )

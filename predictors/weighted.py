@@ -15,7 +15,7 @@ from motion_gym.specs import whole_number
 from motion_gym.training import loop as training
 from motion_gym.training.loop import Progress, device_named
 from motion_gym.training.program import Program, Weights
-from motion_gym.training.provenance import commit, versions
+from motion_gym.training.provenance import commit, sources_of, versions
 from motion_gym.training.weight_files import check_shapes, locate, read, write
 
 if TYPE_CHECKING:
@@ -152,6 +152,7 @@ class Weighted:
             "seeds": seeds,
             "dt": train[0].observation.dt,
             "trained_on": list(names),
+            "sources": sources_of(train, names, program.config.get("train", ())),
             "selection": "the epoch of the last stage with the lowest ADE on the validation windows of the sources; "
             f"trained for {'/'.join(map(str, epochs))} epochs",
             "validation_ade": [round(score, 4) for score in run.scores_of(rounded)],

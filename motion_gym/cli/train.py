@@ -7,6 +7,7 @@ import fcntl
 import inspect
 import os
 import platform
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +15,7 @@ from typing import Annotated, Any
 import tyro
 
 from motion_gym import catalog
-from motion_gym.cli.output import progress_bar, say
+from motion_gym.cli.output import Text, progress_bar, say
 from motion_gym.contract import SpecError
 from motion_gym.data.storage import check_writable
 from motion_gym.training import plans as training_plans
@@ -26,7 +27,8 @@ MOST_SEEDS = 1000
 
 def train(
     predictor: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="PREDICTOR")],
-    benchmark: str,
+    benchmark: Text = None,
+    domain: Text = None,
     seeds: str = "0-4",
     device: str = "cpu",
     resume: bool = False,
@@ -34,19 +36,21 @@ def train(
     every: int = 10,
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("weights"),
 ) -> None:
-    """Train a predictor for a benchmark, all seeds in one pass.
+    """Train a predictor for a benchmark or on a domain of your own, all seeds in one pass.
 
-    Writes OUT/BENCHMARK/PREDICTOR.safetensors, its card, .json, and its last checkpoint, from which --resume
-    continues with more epochs of the last stage. Score it: motion-gym score PREDICTOR --weights
-    OUT/BENCHMARK/PREDICTOR.safetensors --domain ...
+    Writes OUT/NAME/PREDICTOR.safetensors, its card, .json, and its last checkpoint, from which --resume continues with
+    more epochs of the last stage; NAME is that of the benchmark or the domain. The card says on what the weights were
+    trained: places, time step, measurement noise and windows. Score them: motion-gym score PREDICTOR --weights
+    OUT/NAME/PREDICTOR.safetensors --domain ...
 
     Args:
         predictor: Name or spec, as erm or invariant:penalty=1.
         benchmark: What to train for: spurious (test on eth), spurious/hotel, original/hotel, style, ...
+        domain: Instead of a benchmark: name, spec or your own (module:Class); the sources of the domain are trained on.
         seeds: Seeds, as 0-4 or 0,2,5.
         device: cpu or cuda.
         resume: Resume from the last checkpoint; without this option, an existing checkpoint is an error.
-        epochs: Epochs of each stage of the predictor; by default those of the benchmark.
+        epochs: Epochs of each stage of the predictor; by default those of the benchmarks.
         every: Number of epochs between checkpoints.
         out: Folder for weights and checkpoints.
     """
@@ -55,10 +59,12 @@ def train(
         raise SpecError(f"`{predictor}` is not trained in epochs: there is nothing to train. See `motion-gym ls`.")
     from motion_gym.training import weight_files  # imports torch
 
-    plan = training_plans.training(benchmark)
-    path = out / benchmark / weight_files.file_name(instance.name)
+    if (benchmark is None) == (domain is None):
+        raise SpecError("Name what to train for: either --benchmark style, or --domain my_module:MyDomain.")
+    plan = training_plans.training(benchmark) if benchmark else training_plans.training_for(str(domain), instance)
+    path = out / (benchmark or plan.folder) / weight_files.file_name(instance.name)
     checkpoint = path.with_suffix(".checkpoint")
-    numbers = _seeds(seeds)
+    numbers, unit = _seeds(seeds), plan.unit
     check_writable(path.parent)
     options = {**plan.options_of(instance.name), **({"epochs": epochs} if epochs else {})}
     with _locked(path.with_suffix(".lock")), progress_bar() as progress:
@@ -68,7 +74,7 @@ def train(
         task = progress.add_task(instance.name, total=None)
 
         def report(state: Any) -> None:
-            score = "" if state.score is None else f", validation ADE {state.score:.3f} m"
+            score = "" if state.score is None else f", validation ADE {state.score:.3f} {unit}"
             text = f"{state.stage}: loss {state.loss:.3f}{score}"
             progress.update(task, total=state.epochs, completed=state.epoch, description=text)
 
@@ -87,7 +93,13 @@ def train(
     card = instance.card
     scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])
     say(f"Written: {path}")
-    say(f"{len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} m.")
+    say(f"{len(card['seeds'])} seeds in {card['seconds']:.0f} s; validation ADE {scores} {unit}.")
+    if domain:
+        for source in card.get("sources", ()):
+            noise = "unknown" if source["noise"] is None else f"up to {source['noise']:g} {unit}"
+            say(f"Trained on {source['domain']}, steps of {source['dt']:g} s:")
+            say(f"  {source['agent_windows']} agent-windows in {source['scenes']} scenes, measurement noise {noise}")
+        say(f"Score it:\n  motion-gym score {predictor} --domain {shlex.quote(domain)} \\\n    --weights {path}")
 
 
 def import_weights(

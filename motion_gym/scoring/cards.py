@@ -50,6 +50,29 @@ def is_shipped(thing: Any) -> bool:
     return type(thing).__module__.startswith("motion_gym.") and all(map(is_shipped, inner))
 
 
+def shows_own_data(domain: Domain) -> bool:
+    """Whether a domain shows data of the user's: a class of their own, or a shipped class that reads their files."""
+    return not is_shipped(domain) or "path" in domain.card.parameters
+
+
+def origin_of_weights(predictor: Any) -> str:
+    """What the weights of a predictor saw, from their card: places, step and measurement noise; empty without a card.
+
+    Args:
+        predictor: A predictor, ready for the domain.
+    """
+    card = getattr(predictor, "card", None)
+    if not isinstance(card, Mapping) or "trained_on" not in card:
+        return ""
+    name = getattr(predictor, "weights", None) or getattr(predictor, "shipped", "of this session")
+    noise = [source["noise"] for source in card.get("sources", ()) if source.get("noise") is not None]
+    return (
+        f"weights {name}: trained on {', '.join(card['trained_on']) or 'places that their card does not name'}, with "
+        f"steps of {float(card.get('dt', 0.4)):g} s and a measurement noise of "
+        + (f"up to {max(noise):.2g} (unit of the place)" if noise else "an amount that their card does not state")
+    )
+
+
 def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) -> list[str]:
     """Names of the domains whose training windows show people of a split of ``domain`` at the same time."""
     if not names:

@@ -17,7 +17,7 @@ from motion_gym.data.domains import spec_of
 from motion_gym.data.windows import counts, pick_scenes
 from motion_gym.metrics.bootstrap import paired_difference, summarise
 from motion_gym.metrics.errors import error_by_horizon, score
-from motion_gym.scoring.cards import declared_leaks, is_shipped, peak_memory
+from motion_gym.scoring.cards import declared_leaks, is_shipped, origin_of_weights, peak_memory, shows_own_data
 from motion_gym.scoring.scorecard import BASELINE, Scorecard, SeedsCard, compare, who_was_scored
 from motion_gym.scoring.shown import show_references, show_shots
 from motion_gym.scoring.verification import keep, verify_order
@@ -183,6 +183,7 @@ def _scored(
         values = {name: value[0] for name, value in values.items()}
     baseline = score(ask(ready(BASELINE, place), truth.observation), truth, 1, unit)
     counted = place.card.counts.get(split, counts(truth))
+    saw = origin_of_weights(instance) if shows_own_data(place) else ""
     agents = truth.observation.agent
     return Scorecard(
         predictor=predictor if isinstance(predictor, str) else name_of(instance),
@@ -199,7 +200,7 @@ def _scored(
         oracle=hasattr(instance, "know"),
         leaks=declared_leaks(place, instance, split, leaking=leaking, selected=tunes and shots > 0 and not honest),
         scored=who_was_scored(truth, counted),
-        selection=selection_of(instance),
+        selection="; ".join(filter(None, (selection_of(instance), saw))),
         reference_scenes=shown,
         reference_draws=len(predictors),
         shots=shots,

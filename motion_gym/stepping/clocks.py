@@ -10,6 +10,7 @@ their ledger before they reveal anything.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,9 +98,34 @@ class WindowsClock:
         """``window_W_agent_N``."""
         return f"window_{self._window[identity]}_agent_{self.truth.observation.agent[identity]}"
 
-    def reset(self) -> Step:
-        """Go to the first window, with an empty ledger."""
-        self.time, self.ledger = 0, Outstanding(keep=True)
+    @property
+    def scenes(self) -> int:
+        """Number of steps of an episode: one for each window."""
+        return self.truth.observation.scenes
+
+    @property
+    def most(self) -> int:
+        """Largest number of agents observed at once."""
+        return int(np.diff(self.truth.observation.scene).max(initial=0))
+
+    @property
+    def reach(self) -> float:
+        """Largest absolute value of the histories of an episode."""
+        return float(np.abs(self.truth.observation.history).max(initial=0.0))
+
+    @property
+    def time(self) -> int:
+        """Number of the current window; after the end, one more than that of the last."""
+        return int(self._order[self._at]) if self._at < len(self._order) else self.scenes
+
+    def reset(self, order: Sequence[int] | np.ndarray | None = None) -> Step:
+        """Begin with an empty ledger.
+
+        Args:
+            order: Numbers of the windows to play; by default all, in the order of time.
+        """
+        self._order, self._at = np.arange(self.scenes) if order is None else np.asarray(order), 0
+        self.ledger = Outstanding(keep=True)
         return self._reveal(np.zeros(0), None)
 
     def step(self, forecast: Forecast) -> Step:
@@ -109,7 +135,7 @@ class WindowsClock:
         stored, truth = self.ledger.settle(self.time, window.future, window.known)
         error = distance(stored.most_likely().astype(np.float64) - truth.future)
         made = np.full(len(identity), self.time)
-        self.time += 1
+        self._at += 1
         reward = -np.nan_to_num(mean_over_known(error, truth.known))
         return self._reveal(reward, Settled(stored, truth, identity, truth.observation.agent, made))
 

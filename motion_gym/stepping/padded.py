@@ -10,8 +10,8 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.contract import MOST_SAMPLES, ActionError, Domain, SpecError
 from motion_gym.metrics.errors import distance, mean_over_known
-from motion_gym.stepping.actions import action_space
 from motion_gym.stepping.harness import windows_of_domain
+from motion_gym.stepping.spaces import Actions, history_space
 
 
 class Padded:
@@ -22,11 +22,25 @@ class Padded:
         split: The split.
         max_agents: Rows of an observation; by default those of the largest window.
         samples: K.
+        action: Kind of the actions; see ``Actions``.
+        displacement_limit: See ``Actions``.
+        observation_bound: Bound of every value of a history; None for an unbounded space.
         **parameters: Parameters of the domain.
     """
 
-    def __init__(self, domain: str | Domain, split: str, max_agents: int | None, samples: int, **parameters: Any):
+    def __init__(
+        self,
+        domain: str | Domain,
+        split: str,
+        max_agents: int | None,
+        samples: int,
+        action: str,
+        displacement_limit: float | None,
+        observation_bound: float | None,
+        **parameters: Any,
+    ):
         self.domain = catalog.domain(domain, **parameters)
+        self.actions = Actions(action, displacement_limit, self.domain.card.unit)
         self.truth = windows_of_domain(self.domain, split)
         self.sizes = np.diff(self.truth.observation.scene)
         if not len(self.sizes):
@@ -45,17 +59,22 @@ class Padded:
         self.history = self._pad(self.truth.observation.history)
         self.future = self._pad(self.truth.future)
         self.known = self._pad(self.truth.known)
+        reach = float(np.abs(self.history).max())
         self.observation_space = gymnasium.spaces.Dict(
-            history=gymnasium.spaces.Box(-np.inf, np.inf, self.history.shape[1:], np.float32),
+            history=history_space(self.history.shape[1:], observation_bound, reach, self.domain.card.name),
             mask=gymnasium.spaces.MultiBinary(self.max_agents),
         )
-        self.action_space = action_space(self.max_agents, samples)
+        self.action_space = self.actions.space(self.max_agents, samples)
 
     def observe(self, windows: np.ndarray) -> dict[str, np.ndarray]:
         """History [N, max_agents, 8, F] and mask [N, max_agents] of the given windows."""
         return {"history": self.history[windows], "mask": self.mask[windows].astype(np.int8)}
 
-    def score(self, windows: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def forecasts(self, windows: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Forecast positions of actions, both [N, max_agents, K, 12, 2]."""
+        return self.actions.positions(actions, self.history[windows][:, :, -1, :2])
+
+    def score(self, windows: np.ndarray, forecasts: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Score [N, max_agents, K, 12, 2] forecasts.
 
         Returns:
@@ -67,10 +86,10 @@ class Padded:
         """
         mask, future, known = self.mask[windows], self.future[windows], self.known[windows]
         with np.errstate(invalid="ignore", over="ignore"):  # rows where the mask is 0 may have any values
-            finite = np.isfinite(actions.sum())
-            error = distance(actions[:, :, 0].astype(np.float64) - future)
+            finite = np.isfinite(forecasts.sum())
+            error = distance(forecasts[:, :, 0].astype(np.float64) - future)
         if not finite:
-            bad = np.argwhere(mask & ~np.isfinite(actions).all(axis=(2, 3, 4)))
+            bad = np.argwhere(mask & ~np.isfinite(forecasts).all(axis=(2, 3, 4)))
             if len(bad):
                 raise ActionError(
                     f"The action has NaN or infinite positions in row {bad[0, 1]} of window {windows[bad[0, 0]]}; "

@@ -13,12 +13,13 @@ from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, PredictorError, SpecError
 from motion_gym.data.windows import positions_only
 from motion_gym.specs import one_of
-from motion_gym.stepping.actions import action_space, checked_action
 from motion_gym.stepping.clocks import Settled, Step, WindowsClock
 from motion_gym.stepping.dicts import infos_of
 from motion_gym.stepping.harness import windows_of_domain
+from motion_gym.stepping.order import check_order, first_scene, order_of
 from motion_gym.stepping.outstanding import Outstanding
 from motion_gym.stepping.render import Canvas
+from motion_gym.stepping.spaces import Actions, checked_action, history_space
 from motion_gym.stepping.stream_clock import StreamClock
 
 CLOCKS = ("windows", "stream")
@@ -31,9 +32,10 @@ class ForecastEnv(ParallelEnv):
     ``Box(8, F)``, float32: x and y in metres, oldest first, and the domain's further features.
 
     ## Action space
-    ``Box(K, 12, 2)``, float32: K sampled forecasts of the agent's next 12 positions, in metres, in the frame of the
-    observation. With K = 1, ``(12, 2)`` is accepted too; float64 is cast. The bounds (``BOUND``) are wider than any
-    recording and are not enforced.
+    ``Box(K, 12, 2)``, float32: K sampled forecasts. With K = 1, ``(12, 2)`` is accepted too; float64 is cast.
+    ``action="position"``: the agent's next 12 positions, in metres, in the frame of the observation; the bounds
+    (``BOUND``) are wider than any recording and are not enforced. ``action="displacement"``: consecutive displacements
+    from the last observed position, -1 to 1 times ``displacement_limit``; values beyond are clipped.
 
     ## Clocks
     ``windows``: each step is the next window of the split. Agents live for one step: they enter, their forecast is
@@ -60,6 +62,10 @@ class ForecastEnv(ParallelEnv):
         split: Which split to play.
         samples: K.
         render_mode: ``"rgb_array"``, ``"human"`` or None.
+        action: ``"position"`` or ``"displacement"``, see ``Actions``: displacements are scaled to ``Box(-1, 1)``.
+        displacement_limit: Largest displacement along x and along y in one step; 1 m by default.
+        observation_bound: Bound of every value of a history, for clients that need a finite space; None for none.
+        order: ``"published"`` or ``"shuffled"``, see ``ORDERS``; a stream is always played in the order of time.
         **parameters: Parameters of the domain.
     """
 
@@ -77,10 +83,18 @@ class ForecastEnv(ParallelEnv):
         split: str = "test",
         samples: int = 1,
         render_mode: str | None = None,
+        action: str = "position",
+        displacement_limit: float | None = None,
+        observation_bound: float | None = None,
+        order: str = "published",
         **parameters: Any,
     ):
         self.domain = catalog.domain(domain, **parameters)
         one_of("clock", clock, CLOCKS)
+        self._ordered = check_order(order)
+        if clock == "stream" and order == "shuffled":
+            raise SpecError("order='shuffled' is for the windows clock: a stream is played in the order of time.")
+        self._generator = np.random.default_rng()
         samples = catalog.whole_number("samples", samples, 1, MOST_SAMPLES)
         self.clock: WindowsClock | StreamClock
         if clock == "windows":
@@ -95,9 +109,11 @@ class ForecastEnv(ParallelEnv):
         self.agents: list[str] = []
         self._step = self.clock.reset()
         features = self._step.observation.history.shape[2]
-        self._observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (HISTORY, features), np.float32)
-        self._action_space = action_space(samples)
-        title, fps = f"{self.domain.card.name}, {clock} clock", self.metadata["render_fps"]
+        card, reach = self.domain.card, 0.0 if observation_bound is None else self.clock.reach
+        self._observation_space = history_space((HISTORY, features), observation_bound, reach, card.name)
+        self._actions = Actions(action, displacement_limit, card.unit)
+        self._action_space = self._actions.space(samples)
+        title, fps = f"{card.name}, {clock} clock", self.metadata["render_fps"]
         self._canvas = Canvas(render_mode, self.domain, split, title, self.clock.extent, fps)
 
     @property
@@ -114,8 +130,20 @@ class ForecastEnv(ParallelEnv):
         return self._action_space
 
     def reset(self, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
-        """Go to the beginning; seed and options change nothing."""
-        self._enter(self.clock.reset())
+        """Go to the beginning.
+
+        Args:
+            seed: Determines the order of this and later episodes with ``order="shuffled"``.
+            options: ``{"scene": n}`` begins with window n, or with the n-th frame with an observed agent, and goes on
+                from there in the order of the episode.
+        """
+        scene = first_scene(options, self.clock.scenes)
+        if seed is not None:
+            self._generator = np.random.default_rng(seed)
+        if isinstance(self.clock, StreamClock):
+            self._enter(self.clock.reset(scene or 0))
+        else:
+            self._enter(self.clock.reset(order_of(self.clock.scenes, self._ordered, self._generator, scene)))
         self._show(None)
         return self._observations(), {name: {} for name in self.agents}
 
@@ -192,7 +220,7 @@ class ForecastEnv(ParallelEnv):
         stacked = np.stack(
             [checked_action(actions[n], shape, f"Action of `{n}`", one_sample=True) for n in self.agents]
         )
-        return Forecast(stacked)
+        return Forecast(self._actions.positions(stacked, self._step.observation.xy[:, -1]))
 
     def _show(self, settled: Settled | None) -> None:
         if not self.render_mode:

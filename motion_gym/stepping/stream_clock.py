@@ -96,9 +96,24 @@ class StreamClock:
         """Listed frames since the first, over all recordings."""
         return int(self.times[self.at]) if self.at < len(self.times) else self.tracks.ticks
 
-    def reset(self) -> Step:
-        """Go to the first frame with an observed agent, with an empty ledger."""
-        return self.resume(0, Outstanding(self.keep))
+    @property
+    def scenes(self) -> int:
+        """Number of steps of an episode: one for each frame with an observed agent."""
+        return len(self.times)
+
+    @property
+    def most(self) -> int:
+        """Largest number of agents observed at once."""
+        return max(map(len, self._rows.values()), default=0)
+
+    @property
+    def reach(self) -> float:
+        """Largest absolute value of the histories of an episode."""
+        return max((float(np.abs(self._history(int(time))).max()) for time in self.times), default=0.0)
+
+    def reset(self, scene: int = 0) -> Step:
+        """Go to a frame of ``times``, by default the first, with an empty ledger."""
+        return self.resume(scene, Outstanding(self.keep))
 
     def resume(self, at: int, ledger: Outstanding) -> Step:
         """Go to ``times[at]`` with the ledger that this clock had there; the step holds the observation."""
@@ -138,15 +153,20 @@ class StreamClock:
     def _step(self, reward: np.ndarray, settled: Settled | None) -> Step:
         now = self.time
         rows = self._rows.get(now, _NO_ROWS)
-        # All rows are of one recording.
-        recording = bisect_right(self._ends, now) if len(rows) else 0
-        history = self._features[recording](*self.tracks.around(rows)).astype(np.float32)
+        history = self._history(now)
         scene, time = (np.array([0, len(rows)]), np.array([now])) if len(rows) else (np.zeros(1, np.int64), rows)
         identity = self._identity[rows]
         for array in (history, scene, identity, time):
             array.flags.writeable = False  # the ledger keeps them as they are
         self._observation = Observation(history, scene, identity, self.dt, time)
         return Step(self._observation, identity, reward, settled)
+
+    def _history(self, time: int) -> np.ndarray:
+        """[A, 8, F] float32, what is observed at a frame."""
+        rows = self._rows.get(time, _NO_ROWS)
+        # All rows are of one recording.
+        recording = bisect_right(self._ends, time) if len(rows) else 0
+        return self._features[recording](*self.tracks.around(rows)).astype(np.float32)
 
     def _reward(self, now: int) -> np.ndarray:
         """[A] for the agents observed at the last step; see ``Step``."""

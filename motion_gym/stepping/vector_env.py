@@ -10,18 +10,19 @@ from gymnasium.vector.utils import batch_space
 
 from motion_gym import catalog
 from motion_gym.contract import ActionError, Domain, SpecError
-from motion_gym.stepping.actions import checked_action
+from motion_gym.stepping.order import check_order, first_scenes, order_of
 from motion_gym.stepping.padded import Padded
+from motion_gym.stepping.spaces import checked_action
 
 
 class WindowVectorEnv(VectorEnv):
     """Many windows a step, as one array operation.
 
     Sub-environment i of n plays windows i, i + n, i + 2n, ... of the split, so that one episode of all sub-environments
-    is the published test set, each window once. Once ``reset`` was given a seed, each ``reset`` shuffles the windows
-    first. Spaces, rewards and infos are those of ``WindowEnv`` with a leading axis. The next step resets a
-    sub-environment that has ended (its action is ignored and its reward 0), as in Gymnasium's ``NEXT_STEP`` mode; it
-    then plays its windows again.
+    is the published test set, each window once. With ``order="shuffled"`` each ``reset`` shuffles the windows first.
+    Spaces, rewards and infos are those of ``WindowEnv`` with a leading axis. The next step resets a sub-environment
+    that has ended (its action is ignored and its reward 0), as in Gymnasium's ``NEXT_STEP`` mode; it then plays its
+    windows again.
 
     Args:
         domain: A name, a spec, ``"module:Class"`` or a domain.
@@ -29,6 +30,11 @@ class WindowVectorEnv(VectorEnv):
         split: Which split to play.
         samples: K.
         max_agents: Rows of an observation; by default those of the largest window of the split.
+        render_mode: None.
+        action: ``"position"`` or ``"displacement"``, see ``Actions``: displacements are scaled to ``Box(-1, 1)``.
+        displacement_limit: Largest displacement along x and along y in one step; 1 m by default.
+        observation_bound: Bound of every value of a history, for clients that need a finite space; None for none.
+        order: ``"published"`` or ``"shuffled"``, see ``ORDERS``.
         **parameters: Parameters of the domain.
     """
 
@@ -42,11 +48,17 @@ class WindowVectorEnv(VectorEnv):
         samples: int = 1,
         max_agents: int | None = None,
         render_mode: str | None = None,
+        action: str = "position",
+        displacement_limit: float | None = None,
+        observation_bound: float | None = None,
+        order: str = "published",
         **parameters: Any,
     ):
         if render_mode is not None:
             raise SpecError("The vector environment draws no pictures: leave render_mode out, or use one environment.")
-        self.padded = Padded(domain, split, max_agents, samples, **parameters)
+        self.padded = Padded(
+            domain, split, max_agents, samples, action, displacement_limit, observation_bound, **parameters
+        )
         self.domain = self.padded.domain
         windows = len(self.padded.sizes)
         num_envs = catalog.whole_number("num_envs", num_envs, 1, windows)
@@ -56,26 +68,29 @@ class WindowVectorEnv(VectorEnv):
         self.single_action_space = self.padded.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ordered = check_order(order)
         self.order, self.at = np.arange(windows), np.arange(num_envs)
         self._ended = np.zeros(num_envs, bool)
-        self._begun = self._shuffled = False
+        self._begun = False
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Go to the first window of each sub-environment; seeds shuffle the windows of this and later episodes.
+        """Go to the first window of each sub-environment.
 
         Args:
-            seed: One seed, or one for each sub-environment; together they determine the order.
-            options: Not used.
+            seed: One seed, or one for each sub-environment; together they determine the order of this and later
+                episodes with ``order="shuffled"``.
+            options: ``{"scene": n}`` or ``{"scene": [n, ...]}``, one number for each sub-environment: it begins with
+                window n and goes on from there in the order of the episode.
         """
+        windows = len(self.order)
+        scenes = first_scenes(options, windows, self.num_envs)
         seeds = [s for s in (seed if isinstance(seed, (list, tuple)) else [seed]) if s is not None]
         if seeds:
             self._np_random, self._np_random_seed = np.random.default_rng(seeds), seeds[0]
-            self._shuffled = True
-        windows = len(self.order)
-        self.order = self.np_random.permutation(windows) if self._shuffled else np.arange(windows)
-        self.at = np.arange(self.num_envs)
+        self.order = order_of(windows, self._ordered, self.np_random)
+        self.at = np.arange(self.num_envs) if scenes is None else np.argsort(self.order)[scenes]
         self._ended[:] = False
         self._begun = True
         return self.padded.observe(self.window), {}
@@ -99,7 +114,7 @@ class WindowVectorEnv(VectorEnv):
         playing = ~self._ended
         if not playing.all():
             actions = np.where(playing[:, None, None, None, None], actions, np.float32(0))
-        reward, revealed = self.padded.score(window, actions)
+        reward, revealed = self.padded.score(window, self.padded.forecasts(window, actions))
         reward[self._ended] = 0
         infos: dict[str, Any] = {}
         for key, value in {**revealed, "window": window}.items():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +17,9 @@ from motion_gym.data.domains import TrainingSet, spec_of, training_set
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
 WEIGHTS = Path(__file__).parent.parent / "weights"
 """Folder of the weights that come with the package: a folder for each training, a file for each of its rows."""
+
+JOINT: Mapping[str, Any] = {"epochs": (40, 30, 30), "joint": True}
+"""Options of ``fit`` of the STGAT family; ``trainings`` says why."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,17 @@ class Training:
         """Options of ``fit`` for a predictor."""
         return {**self.options, **self.further.get(predictor, {})}
 
+    @property
+    def unit(self) -> str:
+        """Unit of the validation errors."""
+        return catalog.domain(self.domain).card.unit
+
+    @property
+    def folder(self) -> str:
+        """Name of a folder for the weights of a domain of the user's."""
+        name = re.sub(r"[^\w.=-]+", "_", self.domain).strip("_.")
+        return name if len(name) <= 80 else f"{name[:60]}_{hashlib.sha256(self.domain.encode()).hexdigest()[:12]}"
+
     def names(self) -> list[str]:
         """Specs of the domains to train on."""
         domain: Any = catalog.domain(self.domain)
@@ -53,7 +70,7 @@ def trainings() -> dict[str, Training]:
     fewer, so that all rows can be trained with five seeds each on two cores; ``--epochs`` sets other numbers. Every
     step holds scenes of all environments, for all rows.
     """
-    joint = {"epochs": (40, 30, 30), "joint": True}
+    joint = JOINT
     plans = {"spurious": Training("eth:alpha=1", options=joint)}
     plans |= {f"spurious/{place}": Training(f"{place}:alpha=1", options=joint) for place in PLACES[1:]}
     plans["spurious/past"] = Training("eth:alpha=1,sigma=past", options=joint)
@@ -80,5 +97,27 @@ def training(name: str) -> Training:
     """
     known = trainings()
     if name not in known:
-        raise SpecError(f"There is no benchmark `{name}` to train for.{catalog.suggest(name, known)}")
+        raise SpecError(
+            f"There is no benchmark `{name}` to train for.{catalog.suggest(name, known)} On a domain: --domain {name}."
+        )
     return known[name]
+
+
+def training_for(domain: str, predictor: Any) -> Training:
+    """The training on the sources of a domain, with the options that the benchmarks have for the predictor's family.
+
+    Raises:
+        SpecError: the domain is unknown, or names no sources.
+    """
+    plan = Training(domain, options=JOINT if "joint" in _options_of_program(predictor) else {})
+    if not plan.names():
+        raise SpecError(
+            f"Domain `{domain}` names no domains to train on: define `sources()` in its class; `return [self]` trains "
+            "on its own splits `train` and `val`."
+        )
+    return plan
+
+
+def _options_of_program(predictor: Any) -> Mapping[str, Any]:
+    program = getattr(predictor, "program", None)
+    return inspect.signature(program).parameters if callable(program) else {}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import motion_gym
 from motion_gym.training import plans as training_plans
 from tests.cli.command_line import call, fail
 
@@ -105,3 +106,86 @@ def test_what_cannot_be_trained_scored_or_imported_is_said(small_training, line,
     out = f" --out {folder}" if line.startswith(("train", "run")) else ""
     assert message in fail(capsys, line + out).err
     assert not folder.exists()
+
+
+PLACE = '''
+import numpy as np
+import motion_gym
+
+
+class Walk(motion_gym.RecordedDomain):
+    """Walkers with a measurement noise of 0.05."""
+
+    name = "walk"
+
+    def __init__(self, trains=True, people=30, unit="m"):
+        self.trains, self.people, self.unit = trains, people, unit
+
+    def recordings(self, split):
+        rng = np.random.default_rng(self.splits.index(split))
+        time, agent = np.meshgrid(np.arange(24), np.arange(self.people), indexing="ij")
+        path = rng.normal(0, 5, (self.people, 2)) + rng.normal(0, 0.4, (self.people, 2)) * time[..., None]
+        path = path + rng.normal(0, 0.05, path.shape)
+        return [motion_gym.Recording(time.ravel(), agent.ravel(), path.reshape(-1, 2), 0.4)]
+
+    def sources(self):
+        return [self] if self.trains else []
+'''
+
+
+def test_train_on_a_domain_of_ones_own(folder, capsys, monkeypatch):
+    pytest.importorskip("torch")
+    (folder / "places.py").write_text(PLACE)
+    monkeypatch.delitem(sys.modules, "places", raising=False)
+    line = "train erm_no_sigma --domain places:Walk --seeds 0 --epochs 1 1 2 --out own"
+    path = Path("own/places_Walk/erm_no_sigma.safetensors")
+    said = call(capsys, line)
+    assert f"Written: {path}" in said.replace("\n", "")
+    card = json.loads(path.with_suffix(".json").read_text())
+    (source,) = card["sources"]
+    assert (source["domain"], source["dt"], source["agent_windows"]) == ("walk", 0.4, 150)
+    assert source["noise"] == pytest.approx(0.05, rel=0.1) and card["trained_on"] == ["walk"]
+    assert card["training"]["joint"] is True and card["training"]["epochs"] == [1, 1, 2]
+    call(capsys, f"{line.replace('1 1 2', '1 1 3')} --resume")
+    assert len(json.loads(path.with_suffix(".json").read_text())["curve"]) == 5
+    call(capsys, f"score erm_no_sigma --weights {path} --domain places:Walk --out runs")
+    (run,) = (json.loads(run.read_text()) for run in Path("runs").glob("*erm_no_sigma*.json"))
+    assert (
+        f"weights {path}: trained on walk, with steps of 0.4 s and a measurement noise of up to 0.0" in run["selection"]
+    )
+    # Other predictors, and other parameters of the domain in another folder.
+    call(capsys, "train ego_erm --domain places:Walk:people=20 --seeds 0 --epochs 1 --out own")
+    assert Path("own/places_Walk_people=20/ego_erm.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("train erm_no_sigma", "either --benchmark style, or --domain my_module:MyDomain"),
+        ("train erm_no_sigma --benchmark style --domain orca", "either --benchmark style, or --domain"),
+        ("train erm_no_sigma --domain places:Walk:trains=false", "names no domains to train on: define `sources()`"),
+        ("train vrex:sigma=false --domain places:Walk", "compares environments, and the training set has one"),
+        ("train linear --domain places:Walk", "is not trained in epochs"),
+        ("train erm_no_sigma --domain places:Wlk", "Did you mean `Walk`"),
+        ("train style_erm --domain places:Walk --epochs 1", "two agents"),
+    ],
+)
+def test_what_cannot_be_trained_is_said(folder, capsys, monkeypatch, line, message):
+    pytest.importorskip("torch")
+    (folder / "places.py").write_text(PLACE)
+    monkeypatch.delitem(sys.modules, "places", raising=False)
+    assert message in fail(capsys, f"{line} --out own").err
+
+
+def test_scores_on_own_data_name_shipped_weights(folder, monkeypatch):
+    pytest.importorskip("torch")
+    (folder / "places.py").write_text(PLACE)
+    monkeypatch.delitem(sys.modules, "places", raising=False)
+    monkeypatch.syspath_prepend(str(folder))
+    own = motion_gym.evaluate("erm_no_sigma:weights=online/places", "places:Walk").selection
+    assert (
+        "weights online/places: trained on " in own
+        and "with steps of 0.4 s and a measurement noise of up to 0.0" in own
+    )
+    assert "trained on" not in motion_gym.evaluate("erm_no_sigma:weights=online/places", "orca:scenes=20").selection
+    assert "weights" not in motion_gym.evaluate("constant_velocity", "places:Walk").selection.replace("no weights", "")
