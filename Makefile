@@ -59,6 +59,7 @@ check: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/python -m pytest --doctest-modules motion_gym envs predictors -p no:cacheprovider
 	cd $(ROOT) && $(BIN)/python .ci/check_wheel.py
 
+# `published` is left out: its external programs need checkouts, see examples/published/README.md.
 # The stored runs, the tables and the figures of all benchmarks, from scratch: about two hours on two cores.
 results: $(VENV)/.ready
 	cd $(ROOT) && for name in baselines spurious original style crowd transfer refinement pretraining online; do \

@@ -28,10 +28,11 @@ class EthUcy(RecordedDomain):
     """Pedestrians at one place of ETH-UCY.
 
     ## Description
-    Annotated pedestrians, seen from above, with steps of 0.4 s (except ``Eth``), 8 observed and 12 future steps. With
-    ``alpha`` each observed step has a third value, the *observation-noise* feature sigma; alpha scales how strongly
-    sigma correlates with the future. It is the spurious feature of "Towards Robust and Adaptive Motion Forecasting: A
-    Causal Representation Perspective" (CVPR 2022), section 4.1.
+    Annotated pedestrians, seen from above, with steps of 0.4 s (except ``Eth``), 8 observed and 12 future steps. As in
+    all published evaluations each *listed* frame is one step, also where frame numbers are missing. With ``alpha`` each
+    observed step has a third value, the *observation-noise* feature sigma; alpha scales how strongly sigma correlates
+    with the future. It is the spurious feature of "Towards Robust and Adaptive Motion Forecasting: A Causal
+    Representation Perspective" (CVPR 2022), section 4.1.
 
     ## Observation
     x and y in metres, rounded to 4 decimals as in the released program, and sigma if it is enabled.
@@ -104,7 +105,7 @@ class EthUcy(RecordedDomain):
 
     def _read(self, name: str) -> Recording:
         recording = read_recording(datasets.locate("eth_ucy", name), dt=self.dt, columns=self.columns)
-        return dataclasses.replace(recording, xy=np.round(recording.xy, 4))
+        return dataclasses.replace(recording, xy=np.round(recording.xy, 4), listed=True)
 
     def _cut(self, recording: Recording, split: str) -> Recording:
         frames = np.unique(recording.frame)

@@ -10,6 +10,7 @@ from motion_gym.stepping.registration import register, register_all
 if TYPE_CHECKING:
     from motion_gym.benchmarks.running import benchmark
     from motion_gym.checks.checker import check_adapter, check_domain, check_predictor
+    from motion_gym.checks.inspection import inspect
     from motion_gym.checks.leaks import leak_probe
     from motion_gym.data.domains import RecordedDomain
     from motion_gym.data.recordings import read_recording
@@ -40,6 +41,7 @@ _LAZY = {
     "evaluate": "motion_gym.scoring.evaluation",
     "forecast_to_dict": "motion_gym.stepping.dicts",
     "evaluate_online": "motion_gym.online.evaluation",
+    "inspect": "motion_gym.checks.inspection",
     "leak_probe": "motion_gym.checks.leaks",
     "observation_from_dict": "motion_gym.stepping.dicts",
     "parallel_env": "motion_gym.stepping.pettingzoo_env",
@@ -74,6 +76,7 @@ __all__ = [
     "evaluate",
     "evaluate_online",
     "forecast_to_dict",
+    "inspect",
     "leak_probe",
     "observation_from_dict",
     "parallel_env",

@@ -67,8 +67,7 @@ class Recording:
     positions float64. ``motion_gym.data.recordings.check_recording`` checks the values.
 
     Attributes:
-        frame: [R] int64, frame number as in the source. Time is counted in *listed* frames: two frames that follow
-            each other in ``numpy.unique(frame)`` are one step apart, as in the released program of the paper.
+        frame: [R] int64, frame number as in the source, which counts time unless ``listed``.
         agent: [R] int64, id of the agent in this recording.
         xy: [R, 2] float64, positions in the frame and the unit of the source.
         dt: Seconds per step.
@@ -77,6 +76,10 @@ class Recording:
             truth and forecasts are relative to the origin: add it to get positions in the frame of the source. The
             default is the first row rounded to 1,000, so zero near the zero of the source. A part made by
             ``dataclasses.replace`` keeps the origin of the whole. Recordings of one domain may have different origins.
+        listed: How frame numbers become steps (``motion_gym.data.windows.step_numbers``). False: frame numbers count
+            time. A step is the most common distance of an agent's consecutive frames, and a frame number that is
+            missing is a step at which nobody was seen, so that a gap ends a window. True: two frames that follow each
+            other in ``numpy.unique(frame)`` are one step apart, as in the published use of ETH-UCY.
 
     Raises:
         DataError: A column has the wrong shape or type, or holds numbers that do not fit int64.
@@ -88,6 +91,7 @@ class Recording:
     dt: float
     name: str = "recording"
     origin: np.ndarray = None  # type: ignore[assignment]  # computed below where it is not given
+    listed: bool = False
 
     def __post_init__(self) -> None:
         frame, agent = self._whole_numbers("frame"), self._whole_numbers("agent")

@@ -100,7 +100,8 @@ class Linear:
         if not math.isclose(observation.dt, self.dt, rel_tol=1e-3):
             raise PredictorError(
                 f"linear was fitted to time steps of {self.dt:.3g} s, and the observation has steps of "
-                f"{observation.dt:.3g} s: resample the data to {self.dt:.3g} s, or fit it to such steps."
+                f"{observation.dt:.3g} s: resample the data to {self.dt:.3g} s (domain `tracks`: "
+                f"step={self.dt:.3g}), or fit it to such steps."
             )
         return self.weight
 

@@ -180,7 +180,8 @@ class Weighted:
         if observation is not None and not math.isclose(observation.dt, dt, rel_tol=1e-3):
             raise PredictorError(
                 f"{self.name} was trained on time steps of {dt:.3g} s, and the observation has steps of "
-                f"{observation.dt:.3g} s: resample the data to {dt:.3g} s, or train on such steps."
+                f"{observation.dt:.3g} s: resample the data to {dt:.3g} s (domain `tracks`: "
+                f"step={dt:.3g}), or train on such steps."
             )
         return cast(Weights, self.tensors)
 

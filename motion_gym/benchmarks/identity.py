@@ -223,6 +223,6 @@ def _weights_digest(predictor: Any) -> str | None:
         fingerprint = getattr(predictor, "fingerprint", None)
         return fingerprint if isinstance(fingerprint, str) else None
     weights = catalog.parse_spec(predictor)[1].get("weights")
-    if weights is None or str(weights).endswith(".safetensors"):
+    if weights is None or _is_own(predictor):
         return None
     return str(shipped_card(str(weights), predictor)["sha256"])

@@ -17,7 +17,7 @@ from motion_gym.benchmarks import store as stores
 from motion_gym.benchmarks.identity import answered_by, label_of, question, row_name
 from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study, domain
 from motion_gym.benchmarks.store import Run, Store
-from motion_gym.contract import MotionGymError
+from motion_gym.contract import MotionGymError, SpecError
 from motion_gym.data.storage import StorageError
 
 NOT_REQUESTED = "not requested"
@@ -169,6 +169,8 @@ def window_jobs(benchmark: Benchmark, session: str) -> Iterator[Job]:
         for predictor, column in part.runs():
             spec, identity = part.domains[column], part.identity(predictor, column, session)
             compute = functools.partial(score_windows, predictor, spec, part.options(column))
+            if external := part.fingerprints.get(predictor):
+                compute = functools.partial(_score_external, predictor, spec, part.options(column), external)
             yield Job(f"{predictor} on {spec}", (part.title,), row_name(predictor), spec, [identity], compute)
 
 
@@ -177,6 +179,21 @@ def score_windows(predictor: str, place: Any, options: Mapping[str, Any]) -> lis
     from motion_gym.scoring.evaluation import evaluate
 
     return [evaluate(predictor, domain(place), **options).as_dict()]
+
+
+def _score_external(predictor: str, place: str, options: Mapping[str, Any], fingerprint: str) -> list[dict[str, Any]]:
+    """Scores of an external program, which is asked one window at a time, so that every window is asked once.
+
+    Raises:
+        SpecError: there is no checkout of it, or the checkout has other weights.
+    """
+    found = getattr(catalog.predictor(predictor), "fingerprint", None)
+    if found != fingerprint:
+        raise SpecError(
+            f"The weights of {predictor} have the fingerprint {found}, and those of the stored row {fingerprint}: "
+            "check out the commit that examples/published/README.md names."
+        )
+    return score_windows(predictor, place, {**options, "through": "environment"})
 
 
 def study_jobs(benchmark: Benchmark, session: str) -> Iterator[Job]:

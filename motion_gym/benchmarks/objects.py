@@ -33,6 +33,27 @@ LEVEL = 0.05
 
 
 @dataclass(frozen=True)
+class External:
+    """A row of an external program: its runs are stored, and are computed only where there is a checkout of it.
+
+    Attributes:
+        name: Name in tables.
+        spec: Spec of its wrapper, without weights.
+        weights: Name of the weights by column.
+        fingerprints: Fingerprint of the weights by their name, as the wrapper has it.
+    """
+
+    name: str
+    spec: str
+    weights: Mapping[str, str]
+    fingerprints: Mapping[str, str]
+
+    def predictor(self, column: str) -> str:
+        """Spec of the wrapper with the weights of a column."""
+        return with_parameters(self.spec, weights=self.weights[column])
+
+
+@dataclass(frozen=True)
 class Part:
     """Rows that are scored on columns: one table of a benchmark.
 
@@ -47,6 +68,7 @@ class Part:
         pooled: Further columns, each the mean of some columns.
         shots: Number of scenes to learn from, by column; 0 for columns that are not named.
         samples: k of every run.
+        external: Rows of external programs.
     """
 
     title: str
@@ -59,6 +81,7 @@ class Part:
     pooled: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     shots: Mapping[str, int] = field(default_factory=dict)
     samples: int = SAMPLES
+    external: Sequence[External] = ()
 
     def runs(self) -> Iterator[tuple[str, str]]:
         """Predictor and column of every run; SpecError if the weights of a trained row do not ship."""
@@ -67,6 +90,13 @@ class Part:
             for seed in shipped_card(self.weights, row)["seeds"]:
                 predictor = with_parameters(row, weights=self.weights, seed=seed)
                 yield from ((predictor, column) for column in self.domains)
+        yield from ((row.predictor(column), column) for row in self.external for column in row.weights)
+
+    @functools.cached_property
+    def fingerprints(self) -> dict[str, str]:
+        """Fingerprint of the weights of each predictor that is an external program."""
+        columns = [(row, column, name) for row in self.external for column, name in row.weights.items()]
+        return {row.predictor(column): row.fingerprints[name] for row, column, name in columns}
 
     def options(self, column: str) -> dict[str, Any]:
         """Options of ``evaluate`` for a column."""
@@ -78,8 +108,11 @@ class Part:
         }
 
     def identity(self, predictor: Any, column: str, session: str | None = None, **options: Any) -> dict[str, Any]:
-        """Identity of a run."""
-        return windows_identity(predictor, self.domain(column), session=session, **self.options(column), **options)
+        """Identity of a run; that of an external program is known by the fingerprint of its weights."""
+        options = {**self.options(column), **options}
+        identity = windows_identity(predictor, self.domain(column), session=session, **options)
+        external = self.fingerprints.get(predictor) if isinstance(predictor, str) else None
+        return {**identity, "weights": {predictor: external}, "session": None} if external else identity
 
     def domain(self, column: str) -> Any:
         """The domain of a column."""

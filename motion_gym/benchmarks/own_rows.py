@@ -61,8 +61,8 @@ def _seeds_of(predictor: Any) -> list[tuple[Any, int]]:
     five seeds.
     """
     instance = catalog.predictor(predictor)
-    parameters = catalog.parse_spec(predictor)[1] if isinstance(predictor, str) else {}
-    weights = parameters.get("weights")
+    name, parameters = catalog.parse_spec(predictor) if isinstance(predictor, str) else ("", {})
+    weights = parameters.get("weights") if name in catalog.PREDICTORS else None
     if weights is not None and "seed" not in parameters:
         path = Path(str(weights)).expanduser()
         file = path.suffix == ".safetensors"
@@ -81,7 +81,7 @@ def _predictor_jobs(results: Results, predictor: Any, session: str) -> Iterator[
     covered: set[str] = set()
     for part, runs in results.parts:
         columns = {f"{facts_of(part.domain(column)).spec} {part.options(column)}" for column in part.domains}
-        if row in map(row_name, (*part.plain, *part.trained)) or columns <= covered:
+        if row in map(row_name, (*part.plain, *part.trained, *part.fingerprints)) or columns <= covered:
             continue  # a shipped row, or the columns of an earlier part
         covered |= columns
         for column, spec in part.domains.items():
@@ -141,12 +141,15 @@ def _compare(
 
 
 def best_row(part: Part, runs: Sequence[Run], column: str) -> str | None:
-    """The shipped row with the lowest mean ADE on a column, without oracles and rows with more leaks than the baseline.
+    """The shipped row with the lowest mean ADE on a column.
+
+    Oracles, external programs and rows with more leaks than the baseline do not count.
 
     Returns:
         Spec of its first seed; None if there is no such row.
     """
     runs = [run for run in runs if part.column_of(run) == column and not run["oracle"]]
+    runs = [run for run in runs if run["predictor"] not in part.fingerprints]  # they may be impossible to compute here
     allowed = {leak for run in runs if run["predictor"] == BASELINE for leak in run["leaks"]}
     by_row: dict[str, list[Run]] = {}
     for run in runs:

@@ -66,3 +66,37 @@ STYLE: dict[str, dict[str, float]] = {
     }.items()
 }
 """The paper's table of style shifts: ADE, k = 1, means of 5 seeds; modular rows read the style from scored scenes."""
+
+FORECASTERS: dict[str, tuple[int, dict[str, tuple[float, float]]]] = {
+    "Social-STGCNN": (
+        20,
+        {
+            "eth": (0.64, 1.11),
+            "hotel": (0.49, 0.85),
+            "univ": (0.44, 0.79),
+            "zara1": (0.34, 0.53),
+            "zara2": (0.30, 0.48),
+        },
+    ),
+    "Graph-TERN": (
+        20,
+        {
+            "eth": (0.42, 0.58),
+            "hotel": (0.14, 0.23),
+            "univ": (0.26, 0.45),
+            "zara1": (0.21, 0.37),
+            "zara2": (0.17, 0.29),
+        },
+    ),
+    "SR-LSTM": (
+        1,
+        {
+            "eth6": (0.63, 1.25),
+            "hotel": (0.37, 0.74),
+            "univ": (0.51, 1.10),
+            "zara1": (0.41, 0.90),
+            "zara2": (0.32, 0.70),
+        },
+    ),
+}
+"""Tables of their papers: k, and minADE_k and minFDE_k by place. SR-LSTM tests at the true rate of eth."""

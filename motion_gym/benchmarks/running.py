@@ -29,6 +29,7 @@ BENCHMARKS: Mapping[str, str] = {
     "pretraining": "motion_gym.benchmarks.definitions.styles:PRETRAINING",
     "online": "motion_gym.benchmarks.definitions.streams:ONLINE",
     "baselines": "motion_gym.benchmarks.definitions.places:BASELINES",
+    "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
 }
 """Where each shipped benchmark is defined, by its name."""
 
@@ -161,7 +162,7 @@ def _error_by_setting(runs: Sequence[Run]) -> dict[str, float]:
 
 
 def _check_rows(chosen: Benchmark, only: Sequence[str]) -> None:
-    known = [row_name(row) for part in chosen.parts for row in (*part.plain, *part.trained)]
+    known = [row_name(row) for part in chosen.parts for row in (*part.plain, *part.trained, *part.fingerprints)]
     for shifts in chosen.shifts.values():
         known += [*shifts.all_rows(), *(spec for row in shifts.rows for spec in shifts.settings(row))]
     known += [study.name for study in chosen.studies]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import HISTORY, Domain, Recording, SpecError
-from motion_gym.data.windows import Tracks
+from motion_gym.data.windows import Tracks, frames_by_step
 
 METRES = 5.0
 """Standard deviation of the noise on each coordinate."""
@@ -48,7 +48,7 @@ class Stage:
         self.domain: Any = copy.copy(domain)
         domain.windows(split)  # fills the caches of the original, and refuses an unknown split
         self._original = list(domain.recordings(split))
-        self._frames = [np.unique(recording.frame) for recording in self._original]
+        self._frames = [frames_by_step(recording) for recording in self._original]
         self.unprobed: list[str] = []
         self.change(None)
         self._windows = self.domain.windows(split).observation.time if clock == "windows" else None

@@ -36,6 +36,7 @@ def check(
         skip: Leave out a rule, with the reason that the report prints; give it once for each rule.
     """
     from motion_gym.checks.checker import KINDS, PREDICTOR, rules, run_checks
+    from motion_gym.checks.inspection import warn_about
     from motion_gym.checks.leaks import leak_probe
 
     if list:
@@ -55,6 +56,8 @@ def check(
     report.require_ok()
     text = str(report).replace(thing, f"{thing} around {of}", 1) if kind == "adapter" else str(report)
     console.print(text, highlight=False, markup=False)
+    if kind == "domain":
+        warn_about([place])
     if only:
         return
     if kind == "adapter":

@@ -17,6 +17,7 @@ from motion_gym.cli.adapt import adapt
 from motion_gym.cli.check import check
 from motion_gym.cli.claims import claims
 from motion_gym.cli.data import data
+from motion_gym.cli.inspect import inspect
 from motion_gym.cli.ls import ls
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
@@ -33,6 +34,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "import-weights": import_weights,
     "ls": ls,
     "check": check,
+    "inspect": inspect,
     "show": show,
     "claims": claims,
     "data": data,

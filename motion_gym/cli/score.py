@@ -15,6 +15,7 @@ from motion_gym.benchmarks.identity import windows_identity
 from motion_gym.benchmarks.jobs import Job, Runner, score_windows
 from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.benchmarks.reports import score_tables
+from motion_gym.checks.inspection import warn_about
 from motion_gym.cli.output import Json, Out, begin, console, end, print_json, progress_bar, reporter, say
 from motion_gym.contract import Domain, SpecError
 from motion_gym.data.domains import spec_of
@@ -65,6 +66,7 @@ def score(
     for predictor in predictors:
         catalog.predictor(predictor)
     places = [place for spec in domain for place in _variants(catalog.domain(spec), protocol)]
+    warn_about(places)
     options = {"protocol": protocol, "split": split, "seed": seed, "references": references, "shots": shots}
     options["k"] = default_k(protocol) if k is None else k
     session = begin(out, ["score", *predictors, *domain, str(sorted(options.items()))], resume)

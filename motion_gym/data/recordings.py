@@ -6,6 +6,7 @@ that the error names the line.
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import warnings
@@ -17,9 +18,12 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
+from motion_gym.data.table_files import decompressed
 from motion_gym.specs import number
 
 _NAMES = ("frame", "id", "x", "y")
+PACKED = (".gz", ".bz2", ".xz", ".lzma")
+"""Endings of names that numpy takes for compression, whatever the content is."""
 FARTHEST = 2.0**17
 """Farthest position from the origin, in the unit of the domain: float32 resolves 1/128 there."""
 
@@ -40,7 +44,7 @@ def read_recording(
     path: str | os.PathLike[str],
     *,
     dt: float = 0.4,
-    columns: Sequence[int] = (0, 1, 2, 3),
+    columns: Sequence[int] | None = None,
     name: str | None = None,
 ) -> Recording:
     """Read the tracks of one place from a text file.
@@ -52,7 +56,7 @@ def read_recording(
     Args:
         path: The file.
         dt: Seconds per step.
-        columns: Which columns, counted from 0, hold frame, id, x and y.
+        columns: Which columns, counted from 0, hold frame, id, x and y; by default those of a file of four columns.
         name: Name of the recording, for messages; by default the name of the file without its ending.
 
     Returns:
@@ -69,18 +73,23 @@ def read_recording(
             "as in \"path='2024'\"."
         )
     path = Path(path)
-    chosen = list(columns) if isinstance(columns, Sequence) else []
+    chosen = list(range(4)) if columns is None else list(columns) if isinstance(columns, Sequence) else []
     whole = all(isinstance(c, int) and not isinstance(c, bool) and c >= 0 for c in chosen)
     if not whole or len(chosen) != 4 or len(set(chosen)) != 4:
         raise SpecError(
             f"columns={columns!r} must be four different column numbers, counted from 0: those of frame, id, x and y"
         )
     dt = number("dt", dt, above=True, owner=f"{path} (seconds per step)")
-    content = _bytes(path)
+    content, packed = decompressed(path, _bytes(path))
     delimiter = "," if b"," in content.lstrip().partition(b"\n")[0] else None
-    table = _fast(path, content, delimiter, chosen)
-    if table is None or _first_fault(table) is not None:
-        table = _careful(path, content, chosen)
+    source = io.BytesIO(content) if packed or path.suffix in PACKED else path
+    table = _fast(source, content, delimiter)
+    if table is not None and columns is None and table.shape[1] != 4:
+        table = None
+    if table is None or max(chosen) >= table.shape[1] or _first_fault(table[:, chosen]) is not None:
+        table = _careful(path, content, chosen, columns is None)
+    else:
+        table = table[:, chosen]
     if not _rises(table):
         table = table[np.lexsort((table[:, 1], table[:, 0]))]
     return Recording(
@@ -139,17 +148,17 @@ def _bytes(path: Path) -> bytes:
         ) from None
 
 
-def _fast(path: Path, content: bytes, delimiter: str | None, columns: list[int]) -> np.ndarray | None:
-    """[R, 4] as read by numpy's C parser; None if the parser refuses the file."""
+def _fast(source: Path | io.BytesIO, content: bytes, delimiter: str | None) -> np.ndarray | None:
+    """[R, C] as read by numpy's C parser; None if the parser refuses the file."""
     if not content.endswith((b"\n", b"\r")):
         return None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             # By path, since numpy reads a path in large pieces, but an open file line by line.
-            table = np.loadtxt(path, delimiter=delimiter, comments=None, ndmin=2, encoding="utf-8")
-        return table[:, columns]
-    except (ValueError, IndexError, UserWarning):
+            table = np.loadtxt(source, delimiter=delimiter, comments=None, ndmin=2, encoding="utf-8")
+        return table  # type: ignore[no-any-return]
+    except (ValueError, UserWarning):
         return None
 
 
@@ -191,7 +200,7 @@ def _first_fault(table: np.ndarray) -> _Fault | None:
     return _Fault(row, clash, kind, description)
 
 
-def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
+def _careful(path: Path, content: bytes, columns: list[int], four: bool) -> np.ndarray:
     """[R, 4] as read line by line; a DataError names the first bad line."""
     text = content.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
     lines = [(number, line) for number, line in enumerate(text.split("\n"), 1) if line.strip()]
@@ -202,8 +211,12 @@ def _careful(path: Path, content: bytes, columns: list[int]) -> np.ndarray:
     split = [[field.strip() for field in line.split(delimiter)] for _, line in lines]
     width = Counter(map(len, split)).most_common(1)[0][0]
     bad = [_bad_line(fields, width, columns) for fields in split]
+    tracks = f"read the file as motion_gym.domain('tracks', path={path.name!r})"
     if not any(map(_NUMBER.fullmatch, split[0])):
-        bad[0] = ("this is not a line of numbers", "Delete the header line.")
+        bad[0] = ("this is not a line of numbers", f"Delete the header line, or {tracks}.")
+    elif four and width != 4:
+        what = f"{width} columns, and `columns` does not say which of them hold frame, id, x and y"
+        bad[0] = (what, f"Give columns=(0, 1, 2, 3) or the numbers that are right, counted from 0, or {tracks}.")
     elif not text.endswith("\n"):
         bad[-1] = (
             "the file ends in the middle of this line",

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from motion_gym.catalog import whole_number
-from motion_gym.contract import FUTURE, HISTORY, DataError, Observation, Recording, Truth
+from motion_gym.contract import FUTURE, HISTORY, WINDOW, DataError, Observation, Recording, Truth
 from motion_gym.data import storage
+from motion_gym.data.frame_times import usual_distance
 from motion_gym.data.recordings import check_recording
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -25,17 +26,16 @@ DECIMALS = 6
 class Tracks:
     """A recording sorted by agent, then time, and cut into unbroken tracks.
 
-    A step is one *listed* frame: frame numbers without an annotated agent do not count, as in the released program of
-    the paper. An agent that is lost and found again begins a new track.
+    Steps are counted by ``step_numbers``. An agent that is lost and found again begins a new track.
 
     Attributes:
-        tick: [R] int64, index of the row's frame among the listed frames.
+        tick: [R] int64, number of the row's step.
         track: [R] int64, number of the unbroken track of the row, 0 .. T - 1.
         agent: [R] int64, id of the agent as in the recording, shifted so that none is negative.
         xy: [R, 2] float64, positions relative to the origin of the recording.
         age: [R] int64, rows of the same track before this one.
         left: [R] int64, rows of the same track after this one.
-        ticks: Number of listed frames.
+        ticks: Number of steps.
         dt: Seconds per step.
     """
 
@@ -57,7 +57,8 @@ class Tracks:
         """
         if len(recording.frame):
             check_recording(recording)
-        frames, tick = np.unique(recording.frame, return_inverse=True)
+        frames, steps = step_numbers(recording)
+        tick = steps[np.searchsorted(frames, recording.frame)]
         order = np.lexsort((tick, recording.agent))
         # Not negative, so that an offset per recording makes ids of several recordings unique.
         tick, agent = tick[order].astype(np.int64), recording.agent[order] - recording.agent.min(initial=0)
@@ -72,7 +73,7 @@ class Tracks:
         if recording.origin.any():
             # Rounded, since float64 resolves less far from zero, which would change the last bits of differences.
             xy = np.round(xy - recording.origin, DECIMALS)
-        return cls(tick, track, agent, xy, age, left, len(frames), recording.dt)
+        return cls(tick, track, agent, xy, age, left, int(steps.max(initial=-1)) + 1, recording.dt)
 
     def complete(self) -> np.ndarray:
         """Rows that are the last observed step of 20 consecutive steps of an agent."""
@@ -106,6 +107,39 @@ class Tracks:
         return Truth(positions[:, HISTORY:].astype(np.float32), known[:, HISTORY:], observation)
 
 
+def step_numbers(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct frames of a recording, in order, and the number of each one's step, from 0.
+
+    Of a ``listed`` recording each listed frame is a step. Else a step is the most common distance of an agent's
+    consecutive frames, and missing frame numbers are steps at which nobody was seen; a gap of more than 20 steps, which
+    no window spans, counts as 20, so that memory stays bounded.
+
+    Raises:
+        DataError: two listed frames are not a whole number of steps apart.
+    """
+    frames = np.unique(recording.frame)
+    if recording.listed or len(frames) < 2:
+        return frames, np.arange(len(frames))
+    usual = int(usual_distance(recording.frame, recording.agent))
+    distance = np.diff(frames)
+    off = (distance % usual != 0) & (distance < WINDOW * usual)
+    if off.any():
+        place = int(off.argmax())
+        raise DataError(
+            f"recording {recording.name}: frame {frames[place + 1]} comes {distance[place]} after frame "
+            f"{frames[place]}, and a step is {usual} frame numbers, the most common distance of an agent's frames. "
+            "Leave out or renumber the frame; or read the file by the domain `tracks`, which resamples by time; or "
+            "say Recording(listed=True) if each listed frame is one step."
+        )
+    return frames, np.concatenate([[0], np.cumsum(np.minimum(distance // usual, WINDOW))])
+
+
+def frames_by_step(recording: Recording) -> np.ndarray:
+    """[T] the frame of each step of a recording; where nobody was seen, the frame before."""
+    frames, steps = step_numbers(recording)
+    return frames[np.searchsorted(steps, np.arange(int(steps.max(initial=-1)) + 1), side="right") - 1]
+
+
 def positions_only(positions: np.ndarray, known: np.ndarray) -> np.ndarray:
     """The history without further features: [A, 8, 2]."""
     return positions[:, :HISTORY]
@@ -119,16 +153,16 @@ def offsets(sizes: np.ndarray) -> np.ndarray:
 def cut_windows(
     places: Sequence[Tracks], features: Features = positions_only, min_agents: int = 1, stride: int = 1
 ) -> Truth:
-    """Cut tracks into windows of 20 consecutive listed frames.
+    """Cut tracks into windows of 20 consecutive steps.
 
-    An agent counts if it is present in all 20 frames; a window counts if at least ``min_agents`` agents do. Every
+    An agent counts if it is present in all 20 steps; a window counts if at least ``min_agents`` agents do. Every
     published evaluation makes this choice, which reads the future: complete agents are known only afterwards.
 
     Args:
         places: Tracks of recordings. Agent ids are shifted so that they differ between recordings.
         features: Gives the history of each agent.
         min_agents: Smallest number of complete agents in a window; 0 means 1.
-        stride: Listed frames from the start of one window to the start of the next, at least 1.
+        stride: Steps from the start of one window to the start of the next, at least 1.
 
     Returns:
         Truth of all windows, in order of recording, start frame and agent; its scenes are the windows.

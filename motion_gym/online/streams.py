@@ -13,7 +13,7 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.contract import WINDOW, Domain, Recording, SpecError
 from motion_gym.data.domains import spec_of
-from motion_gym.data.windows import positions_only
+from motion_gym.data.windows import frames_by_step, positions_only
 from motion_gym.specs import one_of
 from motion_gym.stepping.stream_clock import StreamClock
 
@@ -83,8 +83,8 @@ class Stream:
         cuts = [_cut(place, split, segment) for segment, place in zip(self.segments, places, strict=True)]
         features = [getattr(p, "history", positions_only) for p, cut in zip(places, cuts, strict=True) for _ in cut]
         parts = [recording for cut in cuts for recording in cut]
-        self.ends = np.cumsum([segment.stop - segment.start for segment in segments])
-        """[segments] listed frame of the stream behind each segment."""
+        self.ends = np.cumsum([sum(len(frames_by_step(recording)) for recording in cut) for cut in cuts])
+        """[segments] step of the stream behind each segment."""
         self.clock = StreamClock(parts, features)
         self.dt = self.clock.dt
         self.name = name if name is not None else " -> ".join(self.labels)
@@ -92,7 +92,7 @@ class Stream:
             raise SpecError(f"Nobody is observed for 8 frames in {self.name}: give longer segments.")
 
     def segment_at(self, time: np.ndarray | int) -> np.ndarray:
-        """Number of the segment that listed frames of the stream belong to."""
+        """Number of the segment that steps of the stream belong to."""
         return np.searchsorted(self.ends, time, side="right")
 
     def __repr__(self) -> str:
@@ -205,14 +205,14 @@ def _blocks(kind: str, visits: Sequence[int], places: int, rng: np.random.Genera
 
 
 def frames_of(domain: Domain, split: str) -> int:
-    """Number of listed frames of all recordings of a split."""
-    return sum(len(np.unique(recording.frame)) for recording in domain.recordings(split))
+    """Number of steps of all recordings of a split."""
+    return sum(len(frames_by_step(recording)) for recording in domain.recordings(split))
 
 
 def _cut(domain: Domain, split: str, segment: Segment) -> list[Recording]:
     """The recordings of a segment; SpecError if the domain does not have its frames."""
     recordings = domain.recordings(split)
-    frames = [np.unique(recording.frame) for recording in recordings]
+    frames = [frames_by_step(recording) for recording in recordings]
     most = sum(map(len, frames))
     if not segment.start < segment.stop <= most:
         raise SpecError(
@@ -221,10 +221,11 @@ def _cut(domain: Domain, split: str, segment: Segment) -> list[Recording]:
         )
     parts, first = [], 0
     for recording, listed in zip(recordings, frames, strict=True):
-        chosen = listed[max(segment.start - first, 0) : max(segment.stop - first, 0)]
+        before = listed[: max(segment.start - first, 0)]
+        chosen = listed[len(before) : max(segment.stop - first, 0)]
         first += len(listed)
-        if len(chosen):
-            rows = (recording.frame >= chosen[0]) & (recording.frame <= chosen[-1])
+        rows = np.isin(recording.frame, chosen) & ~np.isin(recording.frame, before)
+        if rows.any():
             columns = {name: getattr(recording, name)[rows] for name in ("frame", "agent", "xy")}
             parts.append(dataclasses.replace(recording, **columns))
     return parts

@@ -72,11 +72,11 @@ def test_all_that_is_stored_is_small():
     assert len(files) < 60 and sum(path.stat().st_size for path in files) < 6e6
 
 
-@pytest.mark.parametrize("name", ["baselines", "original", "spurious", "style"])
+@pytest.mark.parametrize("name", ["baselines", "original", "published", "spurious", "style"])
 def test_a_random_sample_of_stored_runs_is_computed_again(eth_ucy, name):
     rng = random.Random()
     jobs = [(part, *run) for part in running.benchmark(name).parts for run in part.runs() if "univ" not in part.title]
-    part, predictor, column = rng.choice(jobs)
+    part, predictor, column = rng.choice([job for job in jobs if job[1] not in job[0].fingerprints])
     stored = Store(name).find(part.identity(predictor, column))
     card = motion_gym.evaluate(predictor, part.domain(column), **part.options(column))
     for metric in ("ADE", "FDE"):

@@ -5,6 +5,7 @@ import pytest
 from motion_gym import catalog
 from motion_gym.checks import checker as checks
 from motion_gym.contract import DataError, PredictorError, SpecError
+from tests.walks import walks_file
 
 
 @pytest.mark.parametrize("spec", [*catalog.PREDICTORS, "linear:sigma=true", "constant_velocity:velocity=mean"])
@@ -21,7 +22,7 @@ def test_predictors_are_accepted_on_a_domain(spec):
     "spec", [*catalog.DOMAINS, "eth:alpha=64", "eth:alpha=8,sigma=past,reference_share=0.2,stride=3"]
 )
 def test_shipped_domains_are_accepted(spec):
-    spec = "orca:scenes=16" if spec == "orca" else spec
+    spec = {"orca": "orca:scenes=16", "tracks": f"tracks:path={walks_file()},fps=25"}.get(spec, spec)
     try:
         catalog.domain(spec).windows("test")
     except DataError as error:

@@ -14,8 +14,9 @@ from motion_gym.predictors.linear import Linear
 from motion_gym.stepping.stream_clock import StreamClock
 from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
+from tests.walks import walks_file
 
-SMALL = {"orca": {"scenes": 16}}
+SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}}
 ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
 
 

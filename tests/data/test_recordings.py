@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gzip
 import os
 import subprocess
 from dataclasses import replace
@@ -283,3 +284,24 @@ def test_the_original_annotation_of_eth_is_read_by_columns() -> None:
     check_recording(recording)
     assert len(recording.frame) == 8908
     assert recording.xy[0] == pytest.approx([8.4568443, 3.5880664])
+
+
+@pytest.mark.parametrize("name", ["a.gz", "a.bz2", "a.xz"])
+def test_compression_is_that_of_the_content_whatever_the_name(tmp_path: Path, name: str) -> None:
+    text = "".join(f"{line}\n" for line in GOOD).encode()
+    for content in (text, gzip.compress(text)):
+        (tmp_path / name).write_bytes(content)
+        assert len(read_recording(tmp_path / name).frame) == 5
+    (tmp_path / name).write_bytes(gzip.compress(text * 99)[:-20])
+    with pytest.raises(DataError, match="damaged or incomplete"):
+        read_recording(tmp_path / name)
+
+
+@pytest.mark.parametrize("more", ["0.5", "0.5 0.1 0.2 9"])
+def test_columns_are_named_where_there_are_not_four(tmp_path: Path, more: str) -> None:
+    path = write(tmp_path, [f"{line} {more}" for line in GOOD])
+    with pytest.raises(
+        DataError, match=r"line 1: \d columns, and `columns` does not say which.*columns=\(0, 1, 2, 3\)"
+    ):
+        read_recording(path)
+    assert len(read_recording(path, columns=(0, 1, 2, 3)).frame) == 5

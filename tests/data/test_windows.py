@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import motion_gym
-from motion_gym.contract import Observation, Recording, Truth
-from motion_gym.data.windows import Tracks, pick_scenes, positions_only, stack
+from motion_gym.contract import DataError, Observation, Recording, Truth
+from motion_gym.data.windows import Tracks, pick_scenes, positions_only, stack, step_numbers
+from motion_gym.stepping.stream_clock import StreamClock
 from tests.windows import windows_of
 
 WHOLE = {
@@ -246,3 +247,38 @@ def test_stack_refuses_what_does_not_fit():
         stack([])
     with pytest.raises(ValueError, match="number of features"):
         stack([random_truth([1], features=2), random_truth([1], features=3)])
+
+
+def gapped(frames, listed=False):
+    frames = np.array(frames)
+    return Recording(
+        frames, np.zeros(len(frames), np.int64), np.stack([frames, frames], 1) / 20, 0.4, "gapped", listed=listed
+    )
+
+
+@pytest.mark.parametrize(
+    ("frames", "steps"),
+    [
+        (range(0, 250, 10), list(range(25))),
+        ([0, 10, 20, 50, 60], [0, 1, 2, 5, 6]),
+        ([0, 10, 20, 10_000_000, 10_000_010], [0, 1, 2, 22, 23]),
+        ([-30, -20, 0], [0, 1, 3]),
+        ([5], [0]),
+        ([], []),
+    ],
+)
+def test_missing_frame_numbers_are_steps_unless_frames_are_listed(frames, steps):
+    assert step_numbers(gapped(list(frames)))[1].tolist() == steps
+    assert step_numbers(gapped(list(frames), listed=True))[1].tolist() == list(range(len(steps)))
+
+
+def test_a_gap_ends_windows_on_both_clocks_and_listed_frames_have_none():
+    frames = [*range(0, 100, 10), *range(840, 940, 10)]
+    assert not len(windows_of([gapped(frames)]).future)
+    assert len(windows_of([gapped(frames, listed=True)]).future) == 1
+    assert StreamClock([gapped(frames)]).count == 2 * 3 and StreamClock([gapped(frames, listed=True)]).count == 13
+
+
+def test_a_frame_between_the_steps_is_named():
+    with pytest.raises(DataError, match=r"gapped: frame 203 comes 3 after frame 200, and a step is 10 .*listed=True"):
+        step_numbers(gapped(sorted([*range(0, 400, 10), 203])))

@@ -34,7 +34,10 @@ def domain_table(results: Sequence[Result]) -> Table:
         for names in ((f"minADE_{k}", f"minFDE_{k}"), (f"JADE_{k}", f"JFDE_{k}")) if k > 1 else ():
             row.append(" / ".join(number(metrics[name]["mean"]) for name in names))
         rows.append(row + [number(metrics.get(name, {}).get("mean")) for name in densities])
-    return Table(results[0]["spec"], columns, rows, [scored(results[:1]), *not_computed(results), *leaks(results)])
+    source = results[0]["domain"].get("source")
+    notes = [f"data: {source}"] if source else []
+    notes += [scored(results[:1]), *not_computed(results), *leaks(results)]
+    return Table(results[0]["spec"], columns, rows, notes)
 
 
 def conditions(results: Sequence[Result]) -> list[str]:

@@ -1,0 +1,49 @@
+"""The verb that says how a file of tracks or a domain was understood."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any
+
+import tyro
+
+from motion_gym.cli.output import Json, Text, say
+
+Number = Annotated[float | None, tyro.conf.arg(metavar="NUMBER")]
+
+
+def inspect(
+    thing: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="FILE_OR_DOMAIN")],
+    columns: Text = None,
+    fps: Number = None,
+    dt: Number = None,
+    unit: Text = None,
+    scale: Number = None,
+    step: Number = None,
+    gap: Number = None,
+    split: Text = None,
+    sources: Annotated[list[str], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")] = [],  # noqa: B006
+    as_json: Json = False,
+) -> None:
+    """Say how a file of tracks or a domain was understood, measure it, and warn of what is not usual.
+
+    Args:
+        thing: A file or a pattern, or a domain: a name, a spec or your own (module:Class).
+        columns: Columns of frame (or time), id, x and y: names of the header, or numbers from 0.
+        fps: Frames per second of the frame numbers.
+        dt: Seconds between consecutive listed frames.
+        unit: Unit of the file, m, cm, mm, km, ft, in, yd or px.
+        scale: What positions are multiplied by, metres per pixel for px.
+        step: Seconds per step that tracks are resampled to.
+        gap: Longest time, in seconds, over which a position is extrapolated.
+        split: Shares of the time for train, val and test, as "0.6 0.2 0.2".
+        sources: Another file to train on; give it once for each.
+        as_json: Print JSON in place of the report.
+    """
+    from motion_gym.checks.inspection import inspect as inspect_domain
+
+    given: dict[str, Any] = {"sources": sources or None}
+    given |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
+    given |= {"split": split}
+    found = inspect_domain(thing, **{name: value for name, value in given.items() if value is not None})
+    say(json.dumps(found.as_dict(), indent=2) if as_json else str(found))

@@ -1,0 +1,214 @@
+"""From the column of frames or times to seconds."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from motion_gym.contract import DataError
+from motion_gym.data.tables import Table
+from motion_gym.data.track_columns import MILLISECONDS, SECONDS, plain_name, role_of
+
+EPOCH = {1: "seconds", 1000: "milliseconds", 10**6: "microseconds", 10**9: "nanoseconds"}
+"""Units of a time since 1970, by how many there are in a second."""
+EPOCH_YEARS = (1990, 2100)
+JITTER = 0.025
+"""Timestamps that are this share of a step from a regular clock are taken to be regular."""
+OWN_RATE = 0.02
+"""Timestamps whose mean distance is a step but for this share are taken to be one step apart, whatever their jitter."""
+OWN_JITTER = 0.4
+"""Share of the step by which distances of such timestamps may differ from whole steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class RawTimes:
+    """The values of the column of frames or times.
+
+    Attributes:
+        values: [R] int64 or float64, in units of ``1 / per_second`` if that is known.
+        per_second: How many of the values are a second, where the column itself says it: 1 for a column of seconds.
+        how: What they were taken for, in words.
+        unknown: Why the unit is not known and what to say, where ``per_second`` is None.
+    """
+
+    values: np.ndarray
+    per_second: float | None
+    how: str
+    unknown: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When each row was observed.
+
+    Attributes:
+        seconds: [R] float64, since the first row of the recording.
+        ticks: [R] int64, frames since the first one, on a regular clock; None if timestamps are irregular.
+        tick: Seconds per frame; 0 without ticks.
+        interval: Usual seconds between consecutive rows of an agent.
+        how: How the time was read, in words.
+        measured: Whether the rate was measured from timestamps.
+    """
+
+    seconds: np.ndarray
+    ticks: np.ndarray | None
+    tick: float
+    interval: float
+    how: str
+    measured: bool = False
+
+
+def read_times(table: Table, column: int) -> RawTimes:
+    """The values of the column of frames or times of a table.
+
+    Raises:
+        DataError: a value is missing or is neither a number nor a date.
+    """
+    if table.is_dates(column):
+        return RawTimes(_microseconds(table, column), 1e6, "dates and times")
+    whole = table.whole_numbers(column)
+    values = table.numbers(column) if whole is None else whole
+    if whole is None and not np.isfinite(values).all():
+        row = int(np.argmin(np.isfinite(values)))
+        table.refuse(row, f"{table.title(column)}, the frame or time, is {values[row]}", "Correct or delete the line.")
+    word = plain_name(table.names[column])[0] if table.names else ""
+    role = role_of(word) if word else None
+    if role == "time" and MILLISECONDS.search(word):
+        return RawTimes(values, 1000, "milliseconds")
+    if role == "time" and SECONDS.search(word):
+        return RawTimes(values, 1, "seconds")
+    unit = _epoch_unit(values)
+    if unit:
+        what = f"look like {EPOCH[unit]} since 1970"
+        if unit == 1 and whole is None:
+            return RawTimes(values, 1, "seconds since 1970")
+        return RawTimes(values, None, what, f"They {what}: fps={unit}.")
+    if whole is None:
+        return RawTimes(values, 1, "seconds, as they are not whole numbers")
+    named = "" if role != "time" else (
+        " If they are times: fps=1 for seconds, fps=1000 for milliseconds."
+    )  # fmt: skip
+    return RawTimes(whole, None, "frame numbers", named)
+
+
+def clock_of(
+    raw: RawTimes, agent: np.ndarray, fps: float | None, dt: float | None, step: float, title: str, comments: str = ""
+) -> Clock:
+    """Seconds, and frames of a regular clock if there is one.
+
+    Args:
+        raw: Values of all rows of a recording.
+        agent: [R] ids.
+        fps: Values per second.
+        dt: Seconds between consecutive listed frames of an agent, that is, their most common distance.
+        step: Seconds to which tracks will be resampled.
+        title: What the file is, for messages.
+        comments: What comments of the file say about its rate.
+
+    Raises:
+        DataError: the rate is not known.
+    """
+    values = raw.values - raw.values.min()
+    usual = usual_distance(values, agent)
+    if fps is None and dt is None and raw.per_second is None:
+        first = ", ".join(str(v) for v in np.unique(raw.values)[:3])
+        raise DataError(
+            f"{title}: the frames are whole numbers ({first}, ...), which do not say how much time they count. Give "
+            "fps (frame numbers per second, as fps=25), or dt (seconds between consecutive listed frames, as dt=0.4)."
+            f"{' ' + raw.unknown.strip() if raw.unknown else ''}{comments}"
+        )
+    if dt is not None:
+        per_second, how = usual / dt, f"{dt:g} s between consecutive frames, as stated (numbers {usual:g} apart)"
+    elif fps is not None:
+        per_second, how = float(fps), f"{raw.how}, {fps:g} a second as stated"
+    else:
+        per_second, how = float(raw.per_second or 1), raw.how
+    seconds = values / per_second
+    interval = usual / per_second
+    if values.dtype.kind == "i" and (fps is not None or dt is not None):
+        return Clock(seconds, values, 1 / per_second, interval, how)
+    ticks, tick = _regular(seconds, agent, step)
+    if ticks is None:
+        return Clock(seconds, None, 0.0, interval, f"{how}, irregular", True)
+    how = f"{how}, {1 / tick:.5g} frames a second as measured"
+    return Clock(seconds, ticks, tick, usual_distance(ticks, agent) * tick, how, True)
+
+
+def usual_distance(values: np.ndarray, agent: np.ndarray) -> float:
+    """The most common distance of consecutive values of an agent; of all values if no agent has two.
+
+    Distances that are not whole numbers have no most common one: their median is taken.
+    """
+    order = np.lexsort((values, agent))
+    steps = np.diff(values[order])[np.diff(agent[order]) == 0]
+    if not len(steps):
+        steps = np.diff(np.unique(values))
+    if not len(steps):
+        return 1.0
+    if values.dtype.kind != "i":
+        return float(np.median(steps)) or 1.0
+    distances, counts = np.unique(steps, return_counts=True)
+    return float(distances[counts.argmax()]) or 1.0
+
+
+def _regular(seconds: np.ndarray, agent: np.ndarray, step: float) -> tuple[np.ndarray | None, float]:
+    """Frames of the regular clock that the times follow, and its seconds per frame; None if they follow none."""
+    listed, row = np.unique(seconds, return_inverse=True)
+    rough = usual_distance(seconds, agent)
+    if len(listed) < 2 or rough <= 0:
+        return np.zeros(len(seconds), np.int64), step
+    distance = np.diff(listed)
+    number = np.rint(distance / rough)
+    total = np.concatenate([[0], np.cumsum(number)])
+    if total[-1] < 1 or not math.isfinite(total[-1]):
+        return None, 0.0
+    centred = total - total.mean()
+    tick = float(centred @ (listed - listed.mean()) / (centred @ centred))
+    if tick <= 0:
+        return None, 0.0
+    off = np.quantile(np.abs(distance - tick * number), 0.99)
+    own = abs(tick - step) <= OWN_RATE * step and off <= OWN_JITTER * tick
+    if off > JITTER * step and not own:
+        return None, 0.0
+    return total.astype(np.int64)[row.reshape(-1)], tick
+
+
+def _epoch_unit(values: np.ndarray) -> int | None:
+    """How many of the values are a second, if they are times since 1970."""
+    low, high = ((year - 1970) * 365.25 * 86400.0 for year in EPOCH_YEARS)
+    middle = float(np.median(values))
+    return next((unit for unit in EPOCH if low * unit <= middle <= high * unit), None)
+
+
+_OFFSET = re.compile(r"(?:\s*(?:Z|UTC)|\s*([+-])(\d{2}):?(\d{2}))$", re.IGNORECASE)
+
+
+def _microseconds(table: Table, column: int) -> np.ndarray:
+    """[R] int64, microseconds, from ISO dates and times; times of the day count from midnight."""
+    fields = table.columns[column]
+    if isinstance(fields, np.ndarray) and fields.dtype.kind == "M":
+        return fields.astype("datetime64[us]").astype(np.int64)
+    texts, offsets = [], []
+    for text in table.texts(column):
+        shift = 0
+        if "-" not in text and "/" not in text:
+            text = f"1970-01-01T{text}"
+        elif (match := _OFFSET.search(text)) and ":" in text:
+            text = text[: match.start()]
+            shift = (1 if match[1] == "-" else -1) * 60 * (60 * int(match[2]) + int(match[3])) if match[1] else 0
+        texts.append(text.replace("/", "-").replace(",", ".").replace(" ", "T"))
+        offsets.append(shift)
+    try:
+        return np.array(texts, "datetime64[us]").astype(np.int64) + np.array(offsets, np.int64) * 10**6
+    except ValueError:
+        for row, text in enumerate(texts):
+            try:
+                np.datetime64(text)
+            except ValueError as error:
+                table.refuse(
+                    row, f"{table.title(column)} is no date and time ({error})", "Write it as 2024-05-31T12:00:00.400."
+                )
+        raise DataError(f"{table.path}: {table.title(column)} holds dates of several forms: write all alike.") from None
