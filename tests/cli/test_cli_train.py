@@ -164,7 +164,7 @@ def test_train_on_a_domain_of_ones_own(folder, capsys, monkeypatch):
         ("train erm_no_sigma", "either --benchmark style, or --domain my_module:MyDomain"),
         ("train erm_no_sigma --benchmark style --domain orca", "either --benchmark style, or --domain"),
         ("train erm_no_sigma --domain places:Walk:trains=false", "names no domains to train on: define `sources()`"),
-        ("train vrex:sigma=false --domain places:Walk", "compares environments, and the training set has one"),
+        ("train vrex:sigma=false --domain places:Walk", "compares environments, but the training set has one"),
         ("train linear --domain places:Walk", "is not trained in epochs"),
         ("train erm_no_sigma --domain places:Wlk", "Did you mean `Walk`"),
         ("train style_erm --domain places:Walk --epochs 1", "two agents"),

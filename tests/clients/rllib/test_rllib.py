@@ -48,7 +48,6 @@ def test_ppo_samples_and_updates():
     assert sum(episode.env_steps() for episode in episodes) >= 24
     assert all(np.isfinite(episode.get_return()) and episode.get_return() < 0 for episode in episodes)
     learner = config.build_learner(env=None, spaces=runner.get_spaces())
-    learner.build()
     before = {name: value.clone() for name, value in learner.module["shared"].state_dict().items()}
     learner.update(training_data=TrainingData(episodes=episodes))
     after = learner.module["shared"].state_dict()
