@@ -26,7 +26,7 @@ SR_LSTM_WEIGHTS = "52dffbc92a026598 a75bb447ba934bd7 73946bc795e51c1a c8310284b3
 TERN, SR_LSTM = "graph_tern:GraphTern:repo=checkouts/GraphTERN", "sr_lstm:SrLstm:repo=checkouts/SR-LSTM"
 
 TERN_COLUMNS, SR_LSTM_COLUMNS = ("eth", "hotel", "zara1"), ("eth", "hotel")
-"""Columns that are computed so far."""
+"""Columns with stored runs."""
 
 PUBLISHED = Benchmark(
     "published",
