@@ -179,34 +179,23 @@ def test_global_generators_are_put_back():
     assert (random.random(), np.random.rand(), torch.rand(1).item()) == expected  # noqa: NPY002
 
 
-def test_quick_k_means_has_the_centres_of_plain_k_means():
+def test_quick_k_means_ends_where_every_centre_is_the_mean_of_its_points():
     from examples.published.graph_tern import _quick
 
-    class Plain:
-        """As in the repository: means of the points of each cluster."""
-
-        n_clusters = 3
-
-        def compute_centroids(self, data, labels):
-            return self.compute_centroids_loop(data, labels)
-
-        def initialize_centroids(self, data):
-            return data[..., :3].clone()
+    class Settings:
+        n_clusters, max_iter, tol = 4, 300, 1e-12
 
     rng = np.random.default_rng(0)
-    data = torch.from_numpy(rng.normal(size=(4, 2, 50))).float()
-    quick = _quick(Plain)()
-    centres = quick.initialize_centroids(data)
-    for _ in range(5):
-        distance = (data[:, :, :, None] - centres[:, :, None]).norm(dim=1)
-        expected = distance.argmin(dim=2)
-        labels = quick.get_labels(data, centres)[1]
-        assert torch.equal(labels, expected)
-        centres = quick.compute_centroids(data, labels)
-        means = [[data[a][:, labels[a] == k].mean(dim=1) for k in range(3)] for a in range(4)]
-        assert torch.allclose(centres, torch.stack([torch.stack(m, dim=1) for m in means]), atol=1e-5)
-    empty = quick.compute_centroids(data, torch.zeros_like(labels))
-    assert torch.equal(empty[:, :, 1:], centres[:, :, 1:])  # where they were
+    data = torch.from_numpy(rng.normal(size=(3, 2, 200))).float()
+    quick = _quick(Settings)()
+    with checkouts.seeded(1):
+        quick.fit(data)
+    nearest = (data[:, :, :, None] - quick.centroids[:, :, None]).norm(dim=1).argmin(dim=2)
+    means = [[data[a][:, nearest[a] == k].mean(dim=1) for k in range(4)] for a in range(3)]
+    assert torch.allclose(quick.centroids, torch.stack([torch.stack(m, dim=1) for m in means]), atol=1e-4)
+    with checkouts.seeded(1):
+        quick.fit(torch.zeros(3, 2, 200))  # people who stand still: all points are one
+    assert torch.equal(quick.centroids, torch.zeros(3, 2, 4))
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,9 @@ TERN_WEIGHTS = "f220be6858218dcf deabc03c344f7bd0 ed48d7122608dbc3 22ae5eb8e87ca
 SR_LSTM_WEIGHTS = "52dffbc92a026598 a75bb447ba934bd7 73946bc795e51c1a c8310284b3550a48 b42d3ffe3b95ba67"
 TERN, SR_LSTM = "graph_tern:GraphTern:repo=checkouts/GraphTERN", "sr_lstm:SrLstm:repo=checkouts/SR-LSTM"
 
+TERN_COLUMNS, SR_LSTM_COLUMNS = ("eth", "hotel", "zara1"), ("eth", "hotel")
+"""Columns with stored runs."""
+
 PUBLISHED = Benchmark(
     "published",
     "Published forecasters with their own weights, each place of ETH-UCY held out",
@@ -38,17 +41,8 @@ PUBLISHED = Benchmark(
                 _external("Social-STGCNN, paper's weights", f"{STGCNN}-first", FIRST),
                 _external("Social-STGCNN, newest weights", STGCNN, NEWEST),
                 _external("Social-STGCNN, newest weights, means", f"{STGCNN},mean=true", NEWEST),
-                _external(
-                    "Graph-TERN",
-                    TERN,
-                    TERN_WEIGHTS,
-                    (
-                        "eth",
-                        "hotel",
-                        "zara1",
-                    ),
-                ),
-                _external("SR-LSTM", SR_LSTM, SR_LSTM_WEIGHTS, ("eth",)),
+                _external("Graph-TERN", TERN, TERN_WEIGHTS, TERN_COLUMNS),
+                _external("SR-LSTM", SR_LSTM, SR_LSTM_WEIGHTS, SR_LSTM_COLUMNS),
             ),
         ),
         Part(
@@ -58,15 +52,7 @@ PUBLISHED = Benchmark(
             external=(
                 _external("Social-STGCNN, paper's weights", f"{STGCNN}-first", FIRST),
                 _external("Social-STGCNN, newest weights", STGCNN, NEWEST),
-                _external(
-                    "Graph-TERN",
-                    TERN,
-                    TERN_WEIGHTS,
-                    (
-                        "eth",
-                        "hotel",
-                    ),
-                ),
+                _external("Graph-TERN", TERN, TERN_WEIGHTS, TERN_COLUMNS),
             ),
         ),
     ),
