@@ -15,9 +15,10 @@ import numpy as np
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
 from motion_gym.data.frame_times import Clock, RawTimes, clock_of, read_times, usual_distance
 from motion_gym.data.resampling import Resampled, resample
+from motion_gym.data.swapped_columns import swap_evidence
 from motion_gym.data.table_files import read_table
 from motion_gym.data.tables import Table
-from motion_gym.data.track_columns import Columns, find_columns, length_unit, parse_columns, swap_evidence
+from motion_gym.data.track_columns import Columns, find_columns, length_unit, parse_columns
 from motion_gym.specs import number, one_of
 
 METRES: Mapping[str, float] = {

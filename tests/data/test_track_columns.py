@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from motion_gym.contract import DataError, MotionGymError, SpecError
+from motion_gym.data.swapped_columns import swap_evidence
 from motion_gym.data.table_files import read_table
-from motion_gym.data.track_columns import find_columns, parse_columns, plain_name, role_of, swap_evidence
+from motion_gym.data.track_columns import find_columns, parse_columns, plain_name, role_of
 
 
 def table_of(tmp_path, text):
