@@ -64,7 +64,7 @@ class Runner:
     Attributes:
         store: The store.
         fresh: Whether runs in the store are computed again.
-        only: Rows that are computed; all if empty.
+        only: Rows that are computed; None for all, and an empty sequence for none.
         processes: Number of processes that compute.
         report: Called before each run with the number of finished runs, the number of all runs, and a label.
         missing: Reason for each row with a missing run, by where the row is shown and the row.
@@ -73,7 +73,7 @@ class Runner:
 
     store: Store
     fresh: bool = False
-    only: Sequence[str] = ()
+    only: Sequence[str] | None = None
     processes: int = 1
     report: Report = lambda done, total, label: None
     missing: dict[tuple[str, ...], str] = field(default_factory=dict)
@@ -88,7 +88,8 @@ class Runner:
         wanted = {
             job.questions: job
             for job in jobs
-            if (not self.only or job.row in self.only) and (self.fresh or not all(map(self.store.find, job.identities)))
+            if (self.only is None or job.row in self.only)
+            and (self.fresh or not all(map(self.store.find, job.identities)))
         }
         # One domain after the other, since the windows of a domain are kept.
         order = sorted(wanted.values(), key=lambda job: job.domain)

@@ -47,7 +47,7 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
     jobs = [job for predictor in predictors for job in _predictor_jobs(results, predictor, session)]
     jobs += [job for adapter in adapters for job in _adapter_jobs(results, adapter, of, session)]
     parts = {part.title: runs for part, runs in results.parts}
-    for (where, column, row), runs in dataclasses.replace(results.runner, only=()).rows(jobs).items():
+    for (where, column, row), runs in dataclasses.replace(results.runner, only=None).rows(jobs).items():
         if where in parts:
             parts[where].extend(runs)
         else:

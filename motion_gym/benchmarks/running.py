@@ -101,7 +101,7 @@ def run(
     of: str | None = None,
     shifts: Sequence[str] = (),
     fresh: bool = False,
-    only: Sequence[str] = (),
+    only: Sequence[str] | None = None,
     jobs: int = 1,
     session: str | None = None,
     report: Report = lambda done, total, label: None,
@@ -116,7 +116,7 @@ def run(
         of: Predictor that these adapters are put around; by default the one of each of the shifts.
         shifts: Names of the shifts that are run; all by default.
         fresh: Whether stored runs are computed again.
-        only: Rows that are computed; all by default.
+        only: Rows that are computed; all by default, and none if it is empty.
         jobs: Number of processes that compute.
         session: Name of the command, see ``identity.answered_by``; a new one by default.
         report: Called before each run with the number of finished runs, the number of all runs, and a label.
@@ -131,7 +131,7 @@ def run(
     for shift in shifts:
         if shift not in chosen.shifts:
             raise SpecError(f"{chosen.name} has no shift `{shift}`.{catalog.suggest(shift, chosen.shifts)}")
-    _check_rows(chosen, only)
+    _check_rows(chosen, only or ())
     processes = catalog.whole_number("jobs", jobs, 1, 4 * (os.cpu_count() or 1))
     session = session or secrets.token_hex(8)
     runner = Runner(Store(chosen.name, folder), fresh, only, processes, report)

@@ -71,7 +71,7 @@ def run(
             of=of,
             shifts=shift,
             fresh=fresh,
-            only=only,
+            only=only or None,
             jobs=jobs,
             session=session,
             report=reporter(progress, benchmark),
