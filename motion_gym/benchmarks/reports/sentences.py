@@ -217,6 +217,12 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
             panel="pretraining",
             where=NOWHERE,
         ),
+        "With pre-training the mean error is lower after 30 and 100 epochs, too": _mean(
+            ["pre-trained"],
+            ["not pre-trained"],
+            [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (30, 100)],
+            panel="pretraining",
+        ),
     },
     "online": {
         "After a sudden change of style, the filters and hedge gain most": _lower(
