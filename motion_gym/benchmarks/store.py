@@ -68,7 +68,7 @@ class Store:
         Runs of a user's own predictors stay in small files of the folder; the small files of others are deleted.
         """
         shipped = [run for _, run in sorted(self.runs.items()) if run["identity"].get("session") is None]
-        text = "".join(json.dumps(run, sort_keys=True, allow_nan=False) + "\n" for run in shipped)
+        text = "".join(json.dumps(run, allow_nan=False) + "\n" for run in shipped)
         path = place / f"{self.name}.jsonl.xz"
         write_atomic(path, lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME))
         if self.folder is not None:
