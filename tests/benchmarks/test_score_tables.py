@@ -52,7 +52,8 @@ def test_rows_say_what_the_results_say(results):
     assert table.rows[1][3].startswith(f"+{number(difference)} [+")
     assert table.rows[2][0] == "orca_oracle (oracle)"
     assert table.rows[2][3].startswith(f"-{number(ade['mean'])} [-")
-    assert table.notes[0].startswith(
+    assert table.notes[0] == "data: simulated by motion-gym"
+    assert table.notes[1].startswith(
         f"means over {ade['agent_windows']} agent-windows of {ade['agents']} agents in {ade['scenes']} scenes"
     )
 
