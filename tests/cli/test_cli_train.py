@@ -167,7 +167,7 @@ def test_train_on_a_domain_of_ones_own(folder, capsys, monkeypatch):
         ("train vrex:sigma=false --domain places:Walk", "compares environments, but the training set has one"),
         ("train linear --domain places:Walk", "is not trained in epochs"),
         ("train erm_no_sigma --domain places:Wlk", "Did you mean `Walk`"),
-        ("train style_erm --domain places:Walk --epochs 1", "two agents"),
+        ("train style_erm --domain places:Walk --epochs 1", "has 5 scenes, and a step takes 64"),
     ],
 )
 def test_what_cannot_be_trained_is_said(folder, capsys, monkeypatch, line, message):
