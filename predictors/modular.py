@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -51,8 +51,17 @@ class StyleErm(Weighted):
     """Shape of every weight, without the model axis."""
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {"all": PLAIN, "last_layer": PARTS["last_layer"]}
     """Tunable weights, by prefixes of their names; see ``last_layer.Tunable``."""
-    _double: Any = field(default=None, init=False)
-    """The last used ``tensors``, and these in double precision."""
+    _double: Weights | None = field(default=None, init=False)
+    """Copy of ``tensors`` in double precision."""
+
+    @property
+    def tensors(self) -> Weights | None:  # type: ignore[override]
+        """Weights [1, ...] of the seed; they are replaced as a whole, since a copy in double precision is kept."""
+        return self._tensors
+
+    @tensors.setter
+    def tensors(self, weights: Weights | None) -> None:
+        self._tensors, self._double = weights, None
 
     @property
     def objective(self) -> Objective:
@@ -94,10 +103,10 @@ class StyleErm(Weighted):
     def _in_double(self, observation: Observation) -> tuple[Tensor, Weights]:
         """Histories [S, 32] and weights in double precision: absolute positions can be too large for float32."""
         tensors = self._ready(observation)
-        if self._double is None or self._double[0] is not tensors:
-            self._double = tensors, {name: value.double() for name, value in tensors.items()}
+        if self._double is None:
+            self._double = {name: value.double() for name, value in tensors.items()}
         history = torch.tensor(pair_network.pair_positions(observation), dtype=torch.float64).flatten(1)
-        return history, self._double[1]
+        return history, self._double
 
 
 @dataclass(eq=False, repr=False)

@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"motion-gym {importlib.metadata.version('motion-gym')}")
         return
     if arguments and arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
-        _fail(f"There is no command `{arguments[0]}`.{suggest(arguments[0], COMMANDS)}")
+        _fail(f"There is no command `{arguments[0]}`.{suggest(arguments[0], COMMANDS)} See `motion-gym --help`.")
     # module:Class finds files of the working folder.
     sys.path.insert(0, os.getcwd())
     warnings.showwarning = _show_warning

@@ -139,9 +139,7 @@ def test_mistakes_are_one_message_and_status_2(capsys, line, message):
     assert message in fail(capsys, line).err
 
 
-@pytest.mark.parametrize(
-    "line", ["scroe linear", "", "data lss", "score linear --domian orca", "score linear --domain orca --k many"]
-)
+@pytest.mark.parametrize("line", ["", "data lss", "score linear --domian orca", "score linear --domain orca --k many"])
 def test_mistakes_in_the_command_itself(capsys, line):
     with pytest.raises(SystemExit) as stopped:
         main(shlex.split(line))

@@ -94,7 +94,7 @@ def test_an_own_adapter_is_run_anew_and_shipped_rows_are_reused(capsys, folder):
     [
         ("Breaks", "the wheel came off"),
         ("Learns", "learns when it is asked: predict changed bias"),
-        ("Counts", "learns when it is asked: predict changed what it answers to the same question"),
+        ("Counts", "learns when it is asked: predict changed its answer to the same question"),
     ],
 )
 def test_one_that_fails_leaves_the_others_their_table(capsys, own, said):

@@ -145,8 +145,8 @@ def test_a_shipped_predictor_is_fitted_anew_when_the_training_file_of_an_own_dom
     printed = []
     for bend in (0.01, 0.0):
         walkers("train.txt", bend)
-        printed.append(dict(rows(call(capsys, "score linear --domain own_places:Mine --out o")))["linear"])
-    fresh = dict(rows(call(capsys, "score linear --domain own_places:Mine --out fresh")))["linear"]
+        printed.append(dict(rows(call(capsys, "score linear --domain own_places:Mine --out o", "warning: ")))["linear"])
+    fresh = dict(rows(call(capsys, "score linear --domain own_places:Mine --out fresh", "warning: ")))["linear"]
     assert printed[0] != printed[1] == fresh
 
 
@@ -157,12 +157,12 @@ def test_an_interrupted_command_is_resumed_with_its_own_runs(capsys, folder):
     marked = {**json.loads(path.read_text()), "seconds": 12345.0}
     path.write_text(json.dumps(marked))
     resumed = fail(capsys, f"{line} --resume")
-    assert "Going on with the same command, which was interrupted: its runs in o are reused." in resumed.out
+    assert "Going on with the same command, which was interrupted: its runs in o are reused." in resumed.err
     assert json.loads(path.read_text())["seconds"] == 12345.0
     fail(capsys, line)
     assert json.loads(path.read_text())["seconds"] != 12345.0
-    out = call(capsys, "score own_things:Standing --domain orca:scenes=20 --out o --resume")
-    assert "There is no interrupted command with these arguments in o: it begins anew." in out
+    anew = "There is no interrupted command with these arguments in o: it begins anew."
+    call(capsys, "score own_things:Standing --domain orca:scenes=20 --out o --resume", anew)
 
 
 def test_scores_are_printed_although_they_cannot_be_written(capsys, folder):

@@ -74,7 +74,7 @@ main(sys.argv[1:])
         ("train linear --benchmark small", "is not trained in epochs"),
         ("train constant_velocity --benchmark small", "is not trained in epochs"),
         ("score vrexx --weights spurious --domain eth", "There is no predictor `vrexx`"),
-        ("train erm --benchmark small", "erm is given sigma, and this domain has x and y alone"),
+        ("train erm --benchmark small", "erm needs sigma, but this domain gives only x and y"),
         ("train erms --benchmark small", "Did you mean `erm`"),
         ("train erm --benchmark smal", "Did you mean `small`"),
         ("train erm_no_sigma --benchmark small --seeds 0-x", "cannot be read: write 0-4"),

@@ -267,7 +267,7 @@ def test_what_was_given_stays_as_it_was():
 @pytest.mark.parametrize("scope", online.SCOPES)
 def test_updates_that_cannot_be_used_are_taken_back_and_counted(scope):
     parts = [Segment(CROWD, 0, 60), Segment(CROWD, 60, 120)]
-    card = evaluate_online(catalog.adapter("finetune:rate=1e38,memory=0", SOURCE), Stream(parts), scope=scope)
+    card = evaluate_online(catalog.adapter("finetune:rate=1e30,memory=0", SOURCE), Stream(parts), scope=scope)
     np.testing.assert_array_equal(card.values, evaluate_online(catalog.adapter("none", SOURCE), CROWD).values)
     assert card.updates == card.rolled_back == (12 if scope == "agent" else 6)
 

@@ -103,7 +103,7 @@ def test_the_paper_protocol_counts_shots_only_for_tuned_predictors(source, targe
 
 
 def test_training_scenes_that_overlap_the_scored_ones_are_refused(eth_ucy):
-    with pytest.raises(SpecError, match="cut from the recording that is scored"):
+    with pytest.raises(SpecError, match="cut from the scored recording"):
         mg.evaluate("ego_modular", "zara1", shots=64)
 
 
