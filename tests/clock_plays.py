@@ -29,7 +29,7 @@ def recordings(draw):
                 frame += spell + draw(st.sampled_from((1, 2, 15)))
         frame, agent = np.array(sorted(rows), np.int64).reshape(-1, 2).T
         xy = np.random.default_rng([place, len(rows)]).normal(size=(len(rows), 2)).cumsum(axis=0)
-        places.append(Recording(frame, agent, xy, 0.4))
+        places.append(Recording(frame, agent, xy, 0.4, listed=True))
     return places
 
 

@@ -103,7 +103,7 @@ def test_relative_sigma_is_chosen_on_the_sources_alone(eth_ucy):
 
 def test_a_domain_without_a_scene_to_draw_is_refused():
     with pytest.raises(SpecError, match="No scene of 3 to 6 agents to draw"):
-        studies._scene_of_turns(catalog.domain(RIGHT).windows("test"))
+        studies._scene_with_turns(catalog.domain(RIGHT).windows("test"))
 
 
 def test_a_schedule_table_marks_the_best_of_each_row():
@@ -112,7 +112,7 @@ def test_a_schedule_table_marks_the_best_of_each_row():
     rows = {f"transfer:parts={p},epochs={e},rate={r:g}": ade for p, by in tried.items() for (e, r), ade in by.items()}
     rows["modular_invariant"] = 0.3
     domain = catalog.domain(RIGHT).card
-    identity = {"domain": catalog.format_spec(domain.name, dict(domain.parameters))}
+    identity = {"domain": catalog.format_spec(domain.name, dict(domain.parameters)), "scoring_version": 2}
     results = [
         {
             "predictor": f"{row}:seed={seed}" if ":" not in row else f"{row},seed={seed}",
