@@ -142,7 +142,8 @@ def _text_table(path: Path, text: str, encoding: str, compression: str) -> Table
     columns: Sequence[Sequence[str] | np.ndarray] | None = _numeric_columns(body, delimiter)
     if columns is None:
         columns, where = _text_columns(path, body, where, delimiter, complete)
-        if len(columns) > max(3, len(names or ())) and not any(columns[-1]):
+        named = names is not None and len(names) == len(columns) and names[-1] != ""
+        if len(columns) > 3 and not named and not any(columns[-1]):
             columns = columns[:-1]  # each line ends with a delimiter
     width = len(columns)
     if names is not None and len(names) == width + 1 and not names[-1]:

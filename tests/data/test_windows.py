@@ -43,7 +43,7 @@ def recordings(draw):
             frame += spell + draw(st.integers(1, 4))
     frame, agent = np.array(sorted(rows), np.int64).reshape(-1, 2).T
     xy = np.random.default_rng(draw(st.integers(0, 99))).normal(size=(len(rows), 2))
-    return Recording(frame, agent, xy, 0.4)
+    return Recording(frame, agent, xy, 0.4, listed=True)
 
 
 def plain_windows(recording: Recording, min_agents: int, stride: int):
@@ -141,7 +141,11 @@ def test_a_scene_has_the_number_of_its_last_observed_frame(parts):
     times, before = [], 0
     for part in parts:
         frames = np.unique(part.frame)
-        rows = [Recording(part.frame, part.agent, np.stack([np.searchsorted(frames, part.frame)] * 2, 1) * 1.0, 0.4)]
+        rows = [
+            Recording(
+                part.frame, part.agent, np.stack([np.searchsorted(frames, part.frame)] * 2, 1) * 1.0, 0.4, listed=True
+            )
+        ]
         observation = windows_of(rows).observation
         times += (observation.history[observation.scene[:-1], -1, 0] + before).tolist()
         before += len(frames)
@@ -179,7 +183,7 @@ def test_a_found_again_agent_is_not_windowed_across_its_gap():
 def test_frames_at_which_nobody_was_annotated_do_not_count():
     # Nobody in sight at frames 10 to 12: frames 9 and 13 are one step apart, as in the released program.
     frame = np.concatenate([np.arange(10), np.arange(13, 23)])
-    recording = Recording(frame, np.zeros(20, np.int64), np.stack([frame, frame], 1).astype(float), 0.4)
+    recording = Recording(frame, np.zeros(20, np.int64), np.stack([frame, frame], 1).astype(float), 0.4, listed=True)
     truth = windows_of([recording])
     assert truth.observation.history[0, -1, 0] == 7 and truth.future[0, :3, 0].tolist() == [8, 9, 13]
 
