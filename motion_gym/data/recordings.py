@@ -18,7 +18,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
-from motion_gym.data.table_files import decompressed
+from motion_gym.data.table_files import content_of, decompressed
 from motion_gym.specs import number
 
 _NAMES = ("frame", "id", "x", "y")
@@ -80,7 +80,7 @@ def read_recording(
             f"columns={columns!r} must be four different column numbers, counted from 0: those of frame, id, x and y"
         )
     dt = number("dt", dt, above=True, owner=f"{path} (seconds per step)")
-    content, packed = decompressed(path, _bytes(path))
+    content, packed = decompressed(path, content_of(path))
     delimiter = "," if b"," in content.lstrip().partition(b"\n")[0] else None
     source = io.BytesIO(content) if packed or path.suffix in PACKED else path
     table = _fast(source, content, delimiter)
@@ -133,19 +133,6 @@ def check_recording(recording: Recording) -> None:
             "`origin` out so that it follows from the first row (dataclasses.replace: origin=None), or make two "
             "recordings of two places."
         )
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        if path.exists() and not path.is_file():
-            raise DataError(f"{path} is not a file. Give a text file.")
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise DataError(f"there is no file {path}. Check the name and the folder.") from None
-    except (OSError, ValueError) as error:
-        raise DataError(
-            f"{path} cannot be read: {getattr(error, 'strerror', None) or error}. Give a text file."
-        ) from None
 
 
 def _fast(source: Path | io.BytesIO, content: bytes, delimiter: str | None) -> np.ndarray | None:

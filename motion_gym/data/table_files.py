@@ -63,7 +63,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
             "as in \"path='2024'\"."
         )
     path = Path(path)
-    content, compression = decompressed(path, _bytes(path))
+    content, compression = decompressed(path, content_of(path))
     if content[:4] == b"PAR1":
         return _parquet(path)
     text, encoding = _decoded(path, content)
@@ -73,7 +73,8 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     return _text_table(path, text, encoding, compression)
 
 
-def _bytes(path: Path) -> bytes:
+def content_of(path: Path) -> bytes:
+    """The bytes of a file; DataError if it is missing, a folder or not readable."""
     try:
         if path.is_dir():
             raise DataError(f"{path} is a folder. Give a file, or a pattern as '{path}/*.txt'.")
