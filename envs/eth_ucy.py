@@ -52,16 +52,17 @@ class EthUcy(RecordedDomain):
         min_agents: Smallest number of complete agents in a window; published evaluations use 2.
         stride: Listed frames between the starts of successive windows.
         reference_share: Share of the frames, from the start, to exclude from ``test`` as reference scenes.
+        recording: One recording of the place, as ``"students001"``; None for all of them.
 
     ## Credits
     Pellegrini et al., "You'll never walk alone", ICCV 2009; Lerner et al., "Crowds by example", 2007.
     """
 
-    training_files: ClassVar[tuple[str, ...]]
-    test_files: ClassVar[tuple[str, ...]]
+    training_files: tuple[str, ...]
+    test_files: tuple[str, ...]
     columns: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     headline = ("alpha",)
-    same_world = ("alpha", "sigma", "curvature", "min_agents", "stride", "reference_share")
+    same_world = ("alpha", "sigma", "curvature", "min_agents", "stride", "reference_share", "recording")
     tests_on_train = True
     source = "ETH (BIWI walking pedestrians) and UCY (crowds by example)"
     terms = "UCY: free for use with credit; ETH: none stated. Cite Pellegrini et al. 2009 and Lerner et al. 2007."
@@ -74,6 +75,7 @@ class EthUcy(RecordedDomain):
         min_agents: int = 2,
         stride: int = 1,
         reference_share: float = 0.0,
+        recording: str | None = None,
     ):
         self.sigma = sigma if sigma is not None else "none" if alpha is None else "paper"
         owner = f"domain `{self.name}`"
@@ -89,6 +91,11 @@ class EthUcy(RecordedDomain):
         self.stride = whole_number("stride", stride, 1, 1_000_000)
         number("reference_share", reference_share, 0, 1, below=True, owner=owner)
         self.reference_share = reference_share
+        if recording is not None:
+            one_of("recording", recording, [name.removesuffix(".txt") for name in self.training_files], owner)
+            self.training_files = (f"{recording}.txt",)
+            self.test_files = tuple(name for name in self.test_files if name in self.training_files)
+        self.recording = recording
         self.feature_names = ("sigma",) if self.sigma == "past" else ()
         self.side_channel_names = ("sigma",) if self.sigma == "paper" else ()
 
@@ -147,6 +154,7 @@ class EthUcy(RecordedDomain):
         by: str = "place",
         among: Sequence[str] = PLACES,
         alphas: Sequence[float] = SOURCE_ALPHAS,
+        each: str = "place",
     ) -> list[EthUcy]:
         """The training domains for a test on this domain: all other places.
 
@@ -157,19 +165,29 @@ class EthUcy(RecordedDomain):
             by: ``"place"`` leaves out this place; ``"location"`` leaves out all places with the same location.
             among: The places to choose from.
             alphas: The four alphas, in the order of the places.
+            each: ``"recording"`` makes each recording of a place a domain of its own, as in the released program.
         """
         owner = f"domain `{self.name}`"
         one_of("design", design, ("paper", "crossed"), owner)
         one_of("by", by, ("place", "location"), owner)
+        one_of("each", each, ("place", "recording"), owner)
         own = LOCATION[self.name]
         for place in among:
             one_of("among", place, PLACES, owner)
         names = [p for p in among if (LOCATION[p] != own if by == "location" else p != (self.place or self.name))]
         common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
-            return [BY_PLACE[p](**common) for p in names]
-        pairs = itertools.product(names, alphas) if design == "crossed" else zip(names, alphas, strict=False)
-        return [BY_PLACE[p](alpha=a, sigma=self.sigma, **common) for p, a in pairs]
+            sources = [(p, common) for p in names]
+        else:
+            pairs = itertools.product(names, alphas) if design == "crossed" else zip(names, alphas, strict=False)
+            sources = [(p, {"alpha": a, "sigma": self.sigma, **common}) for p, a in pairs]
+        if each == "recording":
+            sources = [
+                (p, {**options, "recording": file.removesuffix(".txt")})
+                for p, options in sources
+                for file in BY_PLACE[p].training_files
+            ]
+        return [BY_PLACE[p](**options) for p, options in sources]
 
 
 class Eth(EthUcy):

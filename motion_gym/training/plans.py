@@ -68,7 +68,9 @@ def trainings() -> dict[str, Training]:
 
     The released program trains for 150, 100 and 150 epochs (300, 200 and 300 on the original data). These plans have
     fewer, so that all rows can be trained with five seeds each on two cores; ``--epochs`` sets other numbers. Every
-    step holds scenes of all environments, for all rows.
+    step holds scenes of all environments, for all rows. The plans named ``paper`` are those of the released program:
+    its epochs, and each recording an environment, whose steps follow one another (spurious shift) or are joined
+    (original data, 16 scenes of each).
     """
     joint = JOINT
     plans = {"spurious": Training("eth:alpha=1", options=joint)}
@@ -77,6 +79,10 @@ def trainings() -> dict[str, Training]:
     # Every place occurs with every alpha, so an epoch is four times as long.
     crossed = {**joint, "epochs": (10, 8, 10)}
     plans["spurious/crossed"] = Training("eth:alpha=1", {"design": "crossed"}, crossed)
+    recordings = {"each": "recording"}
+    plans["paper/eth"] = Training("eth:alpha=1", recordings, {"epochs": (150, 100, 150)})
+    joined = {"epochs": (300, 200, 300), "joint": True, "scenes": 16 * 7, "until": "shortest"}
+    plans["paper/hotel"] = Training("hotel", recordings, joined)
     plans["style"] = Training("orca:d=0.4")
     plans["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
     plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})

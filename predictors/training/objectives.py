@@ -26,7 +26,7 @@ class Risks:
     Attributes:
         value: [E, M] sum of the risks over the scenes of each environment.
         slope: [2, E, M] sums of the slopes over the even and over the odd scenes.
-        scenes: [E] number of scenes.
+        scenes: [E] number of scenes in a full step; the last step of an environment may hold fewer.
     """
 
     value: Tensor
@@ -45,7 +45,7 @@ def risks_of(
         weight: [T, A] 1 / (steps * agents of the scene); 0 where the ground truth is unknown.
         scene: [A] int64 scene of each agent.
         environment: [A] int64 environment of each agent, 0 to E - 1.
-        count: [E] number of scenes of each environment.
+        count: [E] number of scenes of each environment in a full step.
     """
     off = forecast - target[:, None]
     by_agent = torch.einsum("tmac,ta->ma", off * off, weight)
@@ -89,12 +89,12 @@ class Irm(Objective):
 
     Attributes:
         penalty: Factor lambda of the penalty, >= 0, for sums over 64 scenes of an environment, as in the released
-            program. The risk grows with the number of scenes, the penalty with its square. If a step holds fewer
+            program. The risk grows with the number of scenes, the penalty with its square. If full steps hold fewer
             scenes, the factor is increased in proportion, so that lambda has the same effect.
-        unbiased: Use the product of the slopes over even and over odd scenes, as the released program does by default,
-            instead of the square of their sum. For independent scenes, as in shuffled steps, its expectation is a
-            quarter of the square of the mean slope, without a term from noise in the slopes, which the training could
-            reduce by shrinking the forecasts.
+        unbiased: Use the product of the slopes over even and over odd scenes, an option of the released program,
+            instead of the square of their sum, its default. For independent scenes, as in shuffled steps, the
+            expectation of the product is a quarter of the square of the mean slope, without a term from noise in the
+            slopes, which the training could reduce by shrinking the forecasts.
     """
 
     penalty: float

@@ -15,7 +15,7 @@ from motion_gym.data.windows import pick_scenes, stack
 from motion_gym.predictors.networks.graph_attention import Layout
 from motion_gym.predictors.networks.stgat_network import Draws, initial, stage1, stage2, stage3
 from motion_gym.predictors.training.objectives import Objective, risks_of
-from motion_gym.specs import whole_number
+from motion_gym.specs import one_of, whole_number
 from motion_gym.training.program import Program, Stage, Weights, check_epochs, digests
 
 Inputs = Callable[[Observation], np.ndarray]
@@ -43,7 +43,7 @@ class Batch:
         layout: The scenes.
         share: [A] 1 / agents of the scene.
         environment: [A] int64 environment of each agent, numbered within the batch.
-        count: [E] number of scenes of each environment.
+        count: [E] number of scenes of each environment in a full step.
     """
 
     steps: Tensor
@@ -55,8 +55,8 @@ class Batch:
     count: Tensor
 
     @classmethod
-    def of(cls, parts: Sequence[Truth], inputs: Inputs, device: torch.device) -> Batch:
-        """A batch of scenes, with one part for each environment."""
+    def of(cls, parts: Sequence[Truth], inputs: Inputs, device: torch.device, full: int = 0) -> Batch:
+        """A batch of scenes, with one part for each environment; ``full`` as ``count``, or 0 for the scenes given."""
 
         def tensor(array: np.ndarray) -> Tensor:
             return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=device)
@@ -75,7 +75,7 @@ class Batch:
             layout=Layout.of(observation.scene, device),
             share=tensor(np.repeat(1 / sizes, sizes)),
             environment=environment.to(device),
-            count=tensor(np.array([part.observation.scenes for part in parts])),
+            count=tensor(np.array([full or part.observation.scenes for part in parts])),
         )
 
     def errors(self, moves: Tensor) -> tuple[Tensor, Tensor]:
@@ -101,6 +101,8 @@ class StgatProgram(Program):
             for all scenes together, so scenes of small environments occur more than once. If False, each step holds
             scenes of one environment, environments follow one another without shuffling, and an epoch sees each scene
             once, as in the released program.
+        until: End of a joint epoch. ``"all"``: when all scenes together could have been seen once. ``"shortest"``: when
+            the environment with the fewest scenes has been seen once, as in the released program on original data.
 
     Raises:
         SpecError: a number is not allowed.
@@ -120,6 +122,7 @@ class StgatProgram(Program):
         epochs: Sequence[int] = (150, 100, 150),
         scenes: int = 64,
         joint: bool = False,
+        until: str = "all",
     ):
         stages = (*STAGES, *self.further)
         epochs = check_epochs(predictor.name, epochs, len(stages))
@@ -137,6 +140,7 @@ class StgatProgram(Program):
         self.train, self.inputs, self.objective, self.device = train, predictor.inputs, objective, device
         self.features, self.counterfactual = predictor.features, predictor.counterfactual
         self.joint = joint or objective.joint
+        self.until = one_of("until", until, ("all", "shortest"))
         self.validation = self._validation([stack([v for v in validation if v.observation.scenes])])
         self.in_turn = [
             self._batch([(number, np.arange(first, min(first + self.scenes, truth.observation.scenes)))])
@@ -158,6 +162,7 @@ class StgatProgram(Program):
             "epochs_before": list(epochs[:-1]),
             "scenes": scenes,
             "joint": self.joint,
+            **({} if until == "all" else {"until": until}),
             **digests(train, validation),
         }
 
@@ -206,7 +211,7 @@ class StgatProgram(Program):
         """Environment and scenes for each step of a joint epoch; the order depends only on the epoch."""
         sizes = [truth.observation.scenes for truth in self.train]
         each = max(self.scenes // len(sizes), 1)
-        steps = -(-sum(sizes) // self.scenes)
+        steps = -(-min(sizes) // each) if self.until == "shortest" else -(-sum(sizes) // self.scenes)
         rng = np.random.default_rng([epoch, len(sizes)])
         orders = [
             np.concatenate([rng.permutation(size) for _ in range(0, steps * each, size)])  # repeated as often as needed
@@ -218,7 +223,8 @@ class StgatProgram(Program):
 
     def _batch(self, parts: Sequence[tuple[int, np.ndarray]]) -> Batch:
         truths = [pick_scenes(self.train[number], scenes) for number, scenes in parts]
-        return Batch.of(truths, self.inputs, self.device)
+        # In turn, the last step of an environment may hold fewer scenes than the others.
+        return Batch.of(truths, self.inputs, self.device, 0 if self.joint else self.scenes)
 
     def _validation(self, truths: Sequence[Truth]) -> list[tuple[int, Batch]]:
         """Batches of windows, each with the index of its Truth."""
