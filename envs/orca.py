@@ -83,6 +83,7 @@ class Orca(RecordedDomain):
     headline = ("d",)
     same_world = ("d", "agents", "radius", "horizon", "speed", "scenes")
     """With the same seed, all styles have the same starts (with two agents)."""
+    draws_each_split = True
     dt = 0.4
     engine = ENGINE_VERSION
     first_frame = FIRST * TIME_STEP

@@ -50,6 +50,8 @@ class RecordedDomain:
     """Parameters that tables show even at their defaults, unless they are None."""
     tests_on_train: ClassVar[bool] = False
     """Whether the windows of ``test`` include those of ``train``; a predictor trained here cannot be tested here."""
+    draws_each_split: ClassVar[bool] = False
+    """Whether all domains of the world draw the people of each split anew, so that splits never share people."""
     place: ClassVar[str] = ""
     """First part of ``world``, for domains that show the same people; by default the name."""
     same_world: ClassVar[tuple[str, ...]] = ()

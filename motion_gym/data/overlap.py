@@ -38,10 +38,14 @@ def trained_on_scored(trained: Domain, scored: Domain, split: str) -> bool:
     """Whether the training or validation windows of one domain show people of a split of another domain.
 
     Domains of one world with different sampling cannot be compared row by row. If such a domain scores its training
-    recording (``tests_on_train``), its training windows count as windows of the scored people.
+    recording (``tests_on_train``), its training windows count as windows of the scored people. If all domains of the
+    world draw the people of each split anew (``draws_each_split``), other splits than these two show none of them.
     """
-    if trained.world == scored.world and getattr(type(trained), "tests_on_train", False):
-        return True
+    if trained.world == scored.world:
+        if getattr(type(trained), "tests_on_train", False):
+            return True
+        if getattr(type(trained), "draws_each_split", False) and split not in ("train", "val"):
+            return False
     target = scored.recordings(split)
     return any(shared_people(trained.recordings(part), target) > 0 for part in ("train", "val"))
 

@@ -64,7 +64,7 @@ ONLINE = Benchmark(
             "Crowds of another style: d = 0.3, then 0.6",
             "modular_invariant",
             "style",
-            _kinds(("orca:d=0.3", "orca:d=0.6"), (3200, 1600, 1200)),
+            _kinds(("orca:d=0.3", "orca:d=0.6"), (6400, 1600, 1200)),
             "modular_invariant:weights=online/orca",
             STYLE_ROWS,
             TRIED,
