@@ -130,7 +130,8 @@ class Facts:
     """The part of a run's identity that a domain determines.
 
     Attributes:
-        spec: The domain with all of its parameters, defaults included.
+        spec: The domain with all of its parameters, defaults included, except those that are None: a later version may
+            add a parameter that is None by default without making stored runs useless.
         own: Whether its class is a user's.
         versions: Version of the domain, raised by hand when its windows change, by name.
         data: sha256 of the data files of the domain and of its sources; the engine's version of a simulated domain.
@@ -156,7 +157,7 @@ def _facts_of(domain: Any) -> Facts:
         data |= {f"engine of {place.card.name}": str(engine)} if engine is not None else {}
     shipped = {entry.target for entry in catalog.DOMAINS.values()}
     return Facts(
-        catalog.format_spec(card.name, dict(card.parameters)),
+        catalog.format_spec(card.name, {k: v for k, v in card.parameters.items() if v is not None}),
         f"{kind.__module__}:{kind.__qualname__}" not in shipped,
         {card.name: getattr(kind, "version", 1)},
         data,

@@ -5,7 +5,8 @@ import inspect
 import pytest
 
 from motion_gym import catalog
-from motion_gym.benchmarks.identity import AROUND, VERSIONS
+from motion_gym.benchmarks.identity import AROUND, VERSIONS, facts_of
+from motion_gym.envs.orca import Orca
 
 pytest.importorskip("torch")
 LEARNED = (
@@ -76,3 +77,17 @@ def test_identities_name_the_default_inner_predictor():
         parameters = inspect.signature(catalog.load_class(entry.target)).parameters
         of |= {name: parameters["of"].default} if "of" in parameters else {}
     assert of == AROUND
+
+
+class OrcaWithWind(Orca):
+    """As a later version might be."""
+
+    def __init__(self, d=0.3, agents=2, radius=5.0, horizon=2.0, speed=1.0, seed=0, scenes=None, wind=None):
+        super().__init__(d, agents, radius, horizon, speed, seed, scenes)
+        self.wind = wind
+
+
+def test_a_parameter_that_is_none_by_default_can_be_added_without_a_new_identity():
+    now = facts_of(Orca(d=0.4)).spec
+    assert now == facts_of(OrcaWithWind(d=0.4)).spec == "orca:d=0.4,agents=2,radius=5.0,horizon=2.0,speed=1.0,seed=0"
+    assert facts_of(OrcaWithWind(d=0.4, wind=1.5)).spec == f"{now},wind=1.5"
