@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from motion_gym.benchmarks.objects import FILTERS, Benchmark, External, Part
 from motion_gym.training.plans import PLACES
 
@@ -11,9 +9,9 @@ COLUMNS = {"eth": "eth", "eth6": "eth6", **{place: place for place in PLACES[1:]
 """``eth6`` is the annotation of eth at its true rate: the same people, and weights of eth."""
 
 
-def _external(name: str, target: str, fingerprints: str, columns: Sequence[str] = tuple(COLUMNS)) -> External:
+def _external(name: str, target: str, fingerprints: str) -> External:
     """A row with the weights of each column's place, whose fingerprints are in the order of the places."""
-    names = {column: column.removesuffix("6") for column in columns}
+    names = {column: column.removesuffix("6") for column in COLUMNS}
     return External(name, f"examples.published.{target}", names, dict(zip(PLACES, fingerprints.split(), strict=True)))
 
 
@@ -24,9 +22,6 @@ STGCNN = "social_stgcnn:SocialStgcnn:repo=checkouts/Social-STGCNN"
 TERN_WEIGHTS = "f220be6858218dcf deabc03c344f7bd0 ed48d7122608dbc3 22ae5eb8e87ca4ef 3b06c725b3e88e08"
 SR_LSTM_WEIGHTS = "52dffbc92a026598 a75bb447ba934bd7 73946bc795e51c1a c8310284b3550a48 b42d3ffe3b95ba67"
 TERN, SR_LSTM = "graph_tern:GraphTern:repo=checkouts/GraphTERN", "sr_lstm:SrLstm:repo=checkouts/SR-LSTM"
-
-TERN_COLUMNS, SR_LSTM_COLUMNS = ("eth", "hotel", "zara1"), ("eth", "hotel")
-"""Columns with stored runs."""
 
 PUBLISHED = Benchmark(
     "published",
@@ -41,8 +36,8 @@ PUBLISHED = Benchmark(
                 _external("Social-STGCNN, paper's weights", f"{STGCNN}-first", FIRST),
                 _external("Social-STGCNN, newest weights", STGCNN, NEWEST),
                 _external("Social-STGCNN, newest weights, means", f"{STGCNN},mean=true", NEWEST),
-                _external("Graph-TERN", TERN, TERN_WEIGHTS, TERN_COLUMNS),
-                _external("SR-LSTM", SR_LSTM, SR_LSTM_WEIGHTS, SR_LSTM_COLUMNS),
+                _external("Graph-TERN", TERN, TERN_WEIGHTS),
+                _external("SR-LSTM", SR_LSTM, SR_LSTM_WEIGHTS),
             ),
         ),
         Part(
@@ -52,7 +47,7 @@ PUBLISHED = Benchmark(
             external=(
                 _external("Social-STGCNN, paper's weights", f"{STGCNN}-first", FIRST),
                 _external("Social-STGCNN, newest weights", STGCNN, NEWEST),
-                _external("Graph-TERN", TERN, TERN_WEIGHTS, TERN_COLUMNS),
+                _external("Graph-TERN", TERN, TERN_WEIGHTS),
             ),
         ),
     ),
