@@ -88,7 +88,7 @@ class Tracks(RecordedDomain):
         stride: int = 1,
     ):
         find_files(path)  # a missing file is named at once
-        self.reading = Reading.of(columns, fps, dt, unit, scale, step, gap)
+        self.reading = Reading(columns, fps, dt, unit, scale, step, gap)
         if self.reading.columns is not None:
             columns = " ".join(f"'{c}'" if " " in str(c) else str(c) for c in self.reading.columns)
         self.others = _paths(sources)

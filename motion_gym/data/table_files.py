@@ -76,17 +76,18 @@ def read_table(path: str | os.PathLike[str]) -> Table:
 def content_of(path: Path) -> bytes:
     """The bytes of a file; DataError if it is missing, a folder or not readable."""
     try:
-        if path.is_dir():
-            raise DataError(f"{path} is a folder. Give a file, or a pattern as '{path}/*.txt'.")
-        if path.exists() and not path.is_file():
-            raise DataError(f"{path} is not a file. Give a file of tracks.")
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise DataError(f"there is no file {path}. Check the name and the folder.") from None
+        if path.is_file():
+            return path.read_bytes()
+        folder, there = path.is_dir(), path.exists()
     except (OSError, ValueError) as error:
         raise DataError(
             f"{path} cannot be read: {getattr(error, 'strerror', None) or error}. Give a file that can be read."
         ) from None
+    if folder:
+        raise DataError(f"{path} is a folder. Give a file, or a pattern as '{path}/*.txt'.")
+    if there:
+        raise DataError(f"{path} is not a file. Give a file of tracks.")
+    raise DataError(f"there is no file {path}. Check the name and the folder.")
 
 
 def decompressed(path: Path, content: bytes) -> tuple[bytes, str]:

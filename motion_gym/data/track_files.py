@@ -32,11 +32,13 @@ _RATE = re.compile(r"(?:frame[ _]?rate|fps|hz)", re.IGNORECASE)
 class Reading:
     """How files of tracks are to be read; the keywords of the domain ``tracks``.
 
+    ``columns`` becomes a tuple of names and numbers, or stays None.
+
     Raises:
         SpecError: a value is not allowed.
     """
 
-    columns: tuple[str | int, ...] | None = None
+    columns: Any = None
     fps: float | None = None
     dt: float | None = None
     unit: str = "m"
@@ -44,29 +46,19 @@ class Reading:
     step: float = 0.4
     gap: float | None = None
 
-    @classmethod
-    def of(
-        cls,
-        columns: Any = None,
-        fps: float | None = None,
-        dt: float | None = None,
-        unit: str = "m",
-        scale: float | None = None,
-        step: float = 0.4,
-        gap: float | None = None,
-    ) -> Reading:
-        """Check the keywords."""
+    def __post_init__(self) -> None:
         owner = "domain `tracks`"
-        for name, value in (("fps", fps), ("dt", dt), ("scale", scale), ("step", step), ("gap", gap)):
-            if value is not None:
-                number(name, value, above=name != "gap", owner=owner)
-        if fps is not None and dt is not None:
+        for name in ("fps", "dt", "scale", "step", "gap"):
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), above=name != "gap", owner=owner)
+        if self.fps is not None and self.dt is not None:
             raise SpecError(
-                f"`fps={fps}` and `dt={dt}` of {owner} say the same thing: give fps (frame numbers per second) or dt "
-                "(seconds between consecutive listed frames)."
+                f"`fps={self.fps}` and `dt={self.dt}` of {owner} say the same thing: give fps (frame numbers per "
+                "second) or dt (seconds between consecutive listed frames)."
             )
-        one_of("unit", unit, METRES, owner)
-        return cls(None if columns is None else parse_columns(columns), fps, dt, unit, scale, step, gap)
+        one_of("unit", self.unit, METRES, owner)
+        if self.columns is not None:
+            object.__setattr__(self, "columns", parse_columns(self.columns))
 
     @property
     def domain_unit(self) -> str:

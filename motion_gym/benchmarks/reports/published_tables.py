@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from motion_gym.benchmarks import published
+from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports.claims import Panel
-from motion_gym.benchmarks.reports.conditions import measured, scored, unit_of
+from motion_gym.benchmarks.reports.conditions import Result, measured, scored, unit_of
 from motion_gym.benchmarks.reports.seed_tables import SEEDS, Parts, further_notes, over_seeds
 from motion_gym.benchmarks.reports.table import Code, Table, number, percent, spread
 
 
 def spurious(parts: Parts) -> Table:
     """Errors on ``eth`` by alpha: of both trainings here, the paper's, and those of the published weights."""
-    trained = dict(_by_weights(parts))
+    trained = _by_weights(parts)
     columns = ["method", "alpha", "k", "trained here", "trained as in the paper", "the paper, ADE", "published weights"]
     rows = []
     for k, metrics in ((1, ("ADE", "FDE")), (20, ("JADE_20", "JFDE_20"))):
@@ -64,7 +64,7 @@ def original(parts: Parts) -> Table:
 
 def original_hotel(parts: Parts) -> Table:
     """Errors at ``hotel`` without the noise feature: of both trainings, the paper's, and of the published weights."""
-    trained = dict(_by_weights(parts))
+    trained = _by_weights(parts)
     rows = []
     plans = ("original/hotel", "paper/hotel")
     for k, metrics in enumerate((("ADE", "FDE"), ("JADE_20", "JFDE_20"))):
@@ -84,9 +84,9 @@ def original_hotel(parts: Parts) -> Table:
     return Table("Beside the published numbers at hotel", columns, rows, [measured(results)], caption)
 
 
-def _by_weights(parts: Parts) -> list[tuple[str, Any]]:
-    """The parts by the name of their weights."""
-    return [(part.weights, (part, results)) for part, results in parts]
+def _by_weights(parts: Parts) -> dict[str, tuple[Part, Sequence[Result]]]:
+    """The parts, with their results, by the name of their weights."""
+    return {part.weights: (part, results) for part, results in parts}
 
 
 def _pair(errors: Sequence[Mapping[tuple[str, str], np.ndarray]], row: str, column: str) -> str:
@@ -119,7 +119,7 @@ def spurious_panel(parts: Parts) -> Panel:
 
     Its rows are ours, ``as in the paper: ROW``, ``the paper: ROW`` and ``published weights: ROW``.
     """
-    trained = dict(_by_weights(parts))
+    trained = _by_weights(parts)
     errors = over_seeds(*trained["spurious"], "JADE_20")
     again = over_seeds(*trained["paper/eth"], "JADE_20")
     for row, cells in published.PAPER.items():
@@ -136,7 +136,7 @@ def original_panel(parts: Parts) -> Panel:
 
     Its rows are ours, ``as in the paper: ROW``, ``the paper: ROW`` and ``published weights: ROW``.
     """
-    trained = dict(_by_weights(parts))
+    trained = _by_weights(parts)
     errors = {key: values for part, results in parts[:-1] for key, values in over_seeds(part, results).items()}
     again = over_seeds(*trained["paper/hotel"])
     errors |= {(f"as in the paper: {row}", column): values for (row, column), values in again.items()}
