@@ -22,6 +22,8 @@ from motion_gym.data.windows import counts
 from motion_gym.scoring.cards import is_shipped
 
 SPLITS = ("train", "val", "test")
+FEW = 10
+"""Agents in the test split below which there is a warning."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +227,12 @@ def _of_domain(place: Any, recordings: Sequence[Recording]) -> list[Finding]:
             found.append(Finding(f"windows of {split}", None, "none", str(error) if split == "test" else ""))
             continue
         text = f"{seen['scenes']} windows, {seen['agent_windows']} agent-windows of {seen['agents']} agents"
-        found.append(Finding(f"windows of {split}", seen, text))
+        few = split == "test" and seen["agents"] < FEW and seen["agents"] < agents and _files(place)
+        remedy = (
+            f"Only {seen['agents']} of {agents} agents have windows in the split `test`, so intervals will be wide. "
+            "Score predictors that need no training on the whole file: split='0 0 1'."
+        )
+        found.append(Finding(f"windows of {split}", seen, text, remedy if few else ""))
     return found
 
 

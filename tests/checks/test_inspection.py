@@ -43,6 +43,11 @@ def test_a_good_file_has_no_warning_and_every_value_is_right(tmp_path):
     assert "Warnings\n  - none" in str(found)
 
 
+def test_a_test_split_with_few_people_is_named(tmp_path):
+    found = report(tmp_path, walk_rows(**FEW), fps=25, split="0.6 0.2 0.2")
+    assert "of 8 agents have windows in the split `test`" in only(found, "split='0 0 1'")
+
+
 def as_feet(rows):
     return [(f, a, x / 0.3048, y / 0.3048) for f, a, x, y in rows]
 
