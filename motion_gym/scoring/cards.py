@@ -47,7 +47,10 @@ def declared_leaks(
 def is_shipped(thing: Any) -> bool:
     """Whether a domain or predictor, and every predictor that it adapts, ships with motion-gym."""
     inner = [value for value in getattr(thing, "__dict__", {}).values() if callable(getattr(value, "predict", None))]
-    return type(thing).__module__.startswith("motion_gym.") and all(map(is_shipped, inner))
+    kind = type(thing)
+    module = sys.modules.get(kind.__module__)  # a user's class may give itself the name of another module
+    own = getattr(module, kind.__qualname__, None) is kind
+    return own and kind.__module__.startswith("motion_gym.") and all(map(is_shipped, inner))
 
 
 def shows_own_data(domain: Domain) -> bool:

@@ -18,7 +18,7 @@ from motion_gym.data.windows import counts, pick_scenes
 from motion_gym.metrics.bootstrap import paired_difference, summarise
 from motion_gym.metrics.errors import error_by_horizon, score
 from motion_gym.scoring.cards import declared_leaks, is_shipped, origin_of_weights, peak_memory, shows_own_data
-from motion_gym.scoring.scorecard import BASELINE, Scorecard, SeedsCard, compare, who_was_scored
+from motion_gym.scoring.scorecard import BASELINE, SHIPPED, Scorecard, SeedsCard, compare, who_was_scored
 from motion_gym.scoring.shown import show_references, show_shots
 from motion_gym.scoring.verification import keep, verify_order
 from motion_gym.specs import one_of
@@ -160,7 +160,7 @@ def _scored(
         predictors, shown = show_references(instance, place, split, references, reference_draws)
     forecasts: list[Forecast] = []
     leaking, seconds = observes and not honest, 0.0
-    verified = _exemption(instance, through, verify, leaking)
+    verified = _exemption(instance, verify, leaking)
     verifying = not verified
     for each in predictors:
         state = keep(each) if verifying else None
@@ -213,17 +213,15 @@ def _scored(
     )
 
 
-def _exemption(predictor: Any, through: str, verify: bool, leaking: bool) -> str:
+def _exemption(predictor: Any, verify: bool, leaking: bool) -> str:
     """Why a predictor is not asked again; empty if it is asked again."""
     if hasattr(predictor, "know"):
         return "not verified: an oracle"
     if leaking:
         return "not verified: the paper protocol shows the predictor the scenes that are scored"
-    if through == "environment":
-        return "asked one window at a time, in the order of time"
     if not verify:
         return "not verified: verify=False"
-    return "not asked again: a shipped predictor, which the tests verify" if is_shipped(predictor) else ""
+    return f"{SHIPPED}, which the tests verify" if is_shipped(predictor) else ""
 
 
 def _by_stepping(

@@ -17,6 +17,9 @@ from motion_gym.scoring.cards import in_json
 
 BASELINE = "constant_velocity"
 
+SHIPPED = "not asked again: a shipped predictor"
+"""Beginning of the sentence on how a shipped predictor was verified."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scorecard:

@@ -2,18 +2,19 @@
 
 Windows overlap: the history of a later window holds the future of an earlier window, and one batch holds all windows. A
 predictor may have used the batch and may remember it. In the fresh process the predictor has the state that it had
-before its first forecast, and has not seen any later scene.
+before its first forecast. The process receives one scene after another, each after the forecast of the one before, so
+that it holds no later scene. A predictor that remembers scenes in files is not found.
 """
 
 from __future__ import annotations
 
 import copy
+import os
 import pickle
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import cloudpickle
@@ -28,7 +29,7 @@ ASKED_AGAIN = 32
 TOLERANCE = 1e-4
 """Metres between the forecasts of a scene in a batch and alone, beyond the rounding of float32: a processor may choose
 another order of operations for a batch."""
-ANSWER = "import sys; sys.path[:] = {}; from motion_gym.scoring.verification import answer; answer(*{})"
+ANSWER = "import sys; sys.path[:] = {}; from motion_gym.scoring.verification import answer; answer()"
 """Code of the fresh process."""
 
 
@@ -78,9 +79,15 @@ def verify_order(
         one.positions, other.positions, rtol=0, atol=TOLERANCE
     )
     asked = in_order if stochastic else some
-    forecasts, reason = _asked_in_order(kept, [pick_scenes_of(observation, [s]) for s in asked], samples, seed)
+    forecasts, reason = _asked_in_order(
+        predictor, kept, [pick_scenes_of(observation, [s]) for s in asked], samples, seed
+    )
     joined = Forecast.join(forecasts)
-    where = f"in this process, since the predictor cannot travel ({reason})" if reason else "in a fresh process"
+    where = (
+        f"in this process, where it may remember scenes, since the predictor cannot travel ({reason})"
+        if reason
+        else "in a fresh process"
+    )
     rows = rows_of(observation, asked)
     if stochastic:
         return joined.take(np.argsort(rows)), f"scored as asked scene by scene, in the order of time, {where}"
@@ -98,25 +105,71 @@ def verify_order(
 
 
 def _asked_in_order(
-    kept: tuple[Any, str], scenes: Sequence[Observation], samples: int, seed: int
+    predictor: Any, kept: tuple[Any, str], scenes: Sequence[Observation], samples: int, seed: int
 ) -> tuple[list[Forecast], str]:
-    """Forecasts of scenes one by one, in a fresh process; or in this process, with the reason."""
+    """Forecasts of scenes one by one, in a fresh process; or in this process, if the predictor cannot travel, and why.
+
+    Raises:
+        PredictorError: the predictor fails in the fresh process.
+    """
     state, reason = kept
     if isinstance(state, bytes):
-        with tempfile.TemporaryDirectory() as folder:
-            questions, answers = Path(folder) / "questions", Path(folder) / "answers"
-            questions.write_bytes(pickle.dumps((state, scenes, samples, seed)))
-            code = ANSWER.format(sys.path, [str(questions), str(answers)])
-            done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-            if done.returncode == 0:
-                return pickle.loads(answers.read_bytes()), ""
-        reason = done.stderr.strip().rpartition("\n")[2][:200] or f"it ended with status {done.returncode}"
-    predictor = pickle.loads(state) if isinstance(state, bytes) else state
-    return [ask(predictor, scene, samples, seed) for scene in scenes], reason
+        with tempfile.TemporaryFile() as said:
+            command = [sys.executable, "-c", ANSWER.format(sys.path)]
+            with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said) as process:
+                try:
+                    reason = _told(process, (state, samples, seed))
+                    if not reason:
+                        return [_told(process, scene) for scene in scenes], ""
+                except (OSError, EOFError, pickle.UnpicklingError, PredictorError) as error:
+                    process.kill()
+                    process.wait()
+                    said.seek(0)
+                    last = said.read().decode(errors="replace").strip().rpartition("\n")[2]
+                    why = str(error) if isinstance(error, PredictorError) else last[:200] or "the process ended"
+                    raise PredictorError(
+                        f"{name_of(predictor)} fails when it is asked again in a fresh process, one scene at a time: "
+                        f"{why}. Let it need nothing but its own state; verify=False scores it without this check, and "
+                        "the score says so."
+                    ) from None
+    copied = pickle.loads(state) if isinstance(state, bytes) else state
+    return [ask(copied, scene, samples, seed) for scene in scenes], reason
 
 
-def answer(questions: str, answers: str) -> None:
-    """Run in the fresh process: unpickle a predictor, forecast one scene after another, and write the forecasts."""
-    pickled, scenes, samples, seed = pickle.loads(Path(questions).read_bytes())
-    predictor = pickle.loads(pickled)
-    Path(answers).write_bytes(pickle.dumps([ask(predictor, scene, samples, seed) for scene in scenes]))
+def _told(process: subprocess.Popen[bytes], message: Any) -> Any:
+    """The answer of the fresh process to a message; an exception that it answers is raised."""
+    assert process.stdin is not None and process.stdout is not None
+    pickle.dump(message, process.stdin)
+    process.stdin.flush()
+    reply = pickle.load(process.stdout)
+    if isinstance(reply, Exception):
+        raise reply
+    return reply
+
+
+def answer() -> None:
+    """Run in the fresh process: unpickle a predictor, and forecast each scene that arrives before the next arrives.
+
+    The first message holds the predictor, K and the seed; the reply is why the predictor cannot be unpickled, or empty.
+    """
+    replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what the predictor prints is no reply
+    state, samples, seed = pickle.load(sys.stdin.buffer)
+    predictor: Any = None
+    reason = ""
+    try:
+        predictor = pickle.loads(state)
+    except Exception as error:  # a class of a user may raise anything
+        reason = f"{type(error).__name__}: {error}"[:200]
+    reply: Any = reason
+    while True:
+        pickle.dump(reply, replies)
+        replies.flush()
+        try:
+            scene = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        try:
+            reply = ask(predictor, scene, samples, seed)
+        except PredictorError as error:
+            reply = PredictorError(str(error))

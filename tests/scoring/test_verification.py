@@ -1,11 +1,15 @@
 """Verification by order: predictors that use later scenes of the batch are refused, and honest ones accepted."""
 
+import gc
+import os
 import sys
 
 import numpy as np
 import pytest
 
-from motion_gym.contract import Forecast, PredictorError
+from motion_gym import catalog
+from motion_gym.contract import Forecast, Observation, PredictorError
+from motion_gym.scoring.cards import is_shipped
 from motion_gym.scoring.evaluation import evaluate
 from tests.street import Street
 
@@ -77,7 +81,11 @@ def test_whoever_reads_later_windows_of_the_batch_is_found(kind):
     for _ in range(2):  # also when it remembers, in its class, what an earlier evaluation showed
         with pytest.raises(PredictorError, match="asked for that scene alone, in the order of time"):
             evaluate(predictor, PLACE)
-    assert evaluate(kind(), PLACE, through="environment").verified.startswith("asked one window at a time")
+    if kind is ReadsIntoItsClass:  # it remembers, also when it is asked one window at a time
+        with pytest.raises(PredictorError, match="asked for that scene alone, in the order of time"):
+            evaluate(kind(), PLACE, through="environment")
+    else:
+        assert "in a fresh process" in evaluate(kind(), PLACE, through="environment").verified
 
 
 def test_the_predictor_of_the_caller_is_not_asked():
@@ -99,6 +107,64 @@ def test_an_honest_predictor_is_verified():
     assert card.ade == evaluate("constant_velocity", PLACE).ade
     assert "verify=False" in evaluate(Plain(), PLACE, verify=False).verified
     assert "shipped" in evaluate("constant_velocity", PLACE).verified
+
+
+class FailsAlone(Plain):
+    """Fails in any other process than this one, to be asked again here."""
+
+    home = os.getpid()
+
+    def __init__(self):
+        self.at = self.home
+
+    def predict(self, observation, samples=1, seed=0):
+        if os.getpid() != self.at:
+            raise RuntimeError("no licence here")
+        return super().predict(observation)
+
+
+class EndsAlone(FailsAlone):
+    """Ends any other process."""
+
+    def predict(self, observation, samples=1, seed=0):
+        if os.getpid() != self.at:
+            os._exit(0)
+        return super().predict(observation)
+
+
+@pytest.mark.parametrize(("kind", "why"), [(FailsAlone, "no licence here"), (EndsAlone, "the process ended")])
+def test_whoever_fails_in_the_fresh_process_is_refused(kind, why):
+    with pytest.raises(PredictorError, match=rf"in a fresh process, one scene at a time: .*{why}.*verify=False"):
+        evaluate(kind(), PLACE)
+
+
+class SearchesMemory(Plain):
+    """Looks for scenes that are later than one of those it is asked for."""
+
+    def predict(self, observation, samples=1, seed=0):
+        seen = [o for o in gc.get_objects() if type(o) is Observation and o.time is not None and len(o.time)]
+        later = any(o.time.max() > observation.time.min() for o in seen)
+        return Forecast(walk(observation) + np.float32(later))
+
+
+def test_the_fresh_process_holds_no_later_scene():
+    with pytest.raises(PredictorError, match="asked for that scene alone"):
+        evaluate(SearchesMemory(), PLACE)
+
+
+def test_a_predictor_may_print(capfd):
+    class Prints(Plain):
+        def predict(self, observation, samples=1, seed=0):
+            print("hello")
+            return super().predict(observation)
+
+    assert "in a fresh process" in evaluate(Prints(), PLACE).verified
+
+
+def test_a_class_with_the_name_of_a_shipped_module_is_verified():
+    disguised = type("Linear", (Plain,), {"__module__": "motion_gym.predictors.linear"})
+    assert not is_shipped(disguised())
+    assert is_shipped(catalog.predictor("linear"))
 
 
 class Stays(Plain):
@@ -123,7 +189,10 @@ class StaysSampler(Sampler, Stays):
 @pytest.mark.parametrize("kind", [Stays, StaysSampler])
 def test_whoever_cannot_travel_is_asked_here_and_the_card_says_so(kind):
     verified = evaluate(kind(), PLACE).verified
-    assert "in this process, since the predictor cannot travel" in verified and "has an open file" in verified
+    assert (
+        "in this process, where it may remember scenes, since the predictor cannot travel" in verified
+        and "has an open file" in verified
+    )
 
 
 def test_a_predictor_of_a_script_travels(tmp_path, monkeypatch):

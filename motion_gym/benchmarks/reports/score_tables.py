@@ -16,6 +16,7 @@ from motion_gym.benchmarks.reports.conditions import (
     unit_of,
 )
 from motion_gym.benchmarks.reports.table import Table, interval, number
+from motion_gym.scoring.scorecard import SHIPPED
 
 
 def domain_table(results: Sequence[Result]) -> Table:
@@ -56,7 +57,9 @@ def conditions(results: Sequence[Result]) -> list[str]:
     selected: dict[str, dict[str, None]] = {}
     for result in in_order(results):
         selected.setdefault(result["selection"], {})[result["predictor"]] = None
-    return lines + [f"{', '.join(names)}: {how}" for how, names in selected.items()]
+    lines += [f"{', '.join(names)}: {how}" for how, names in selected.items()]
+    checked = {r["predictor"]: r["verified"] for r in results if not r["verified"].startswith(SHIPPED)}
+    return lines + [f"{name}: {how}" for name, how in checked.items()]
 
 
 def label(result: Result) -> str:
