@@ -23,6 +23,9 @@ KEYS: Mapping[str, str] = {
 }
 """Keys of each kind of run, nested keys joined by dots; a run may have more."""
 
+NUMBERS = (".mean", ".low", ".high")
+"""Endings of the keys whose values are numbers, or None where they are not defined."""
+
 
 def problem_of(content: Any) -> str:
     """The reason why a value is not a run; empty if it is one."""
@@ -35,7 +38,16 @@ def problem_of(content: Any) -> str:
     if kind not in KEYS:
         return f"its kind is {kind!r}"
     missing = next((path for path in KEYS[kind].split() if not _has(content, path.split("."))), None)
-    return f"it has no `{missing}`" if missing else ""
+    if missing:
+        return f"it has no `{missing}`"
+    wrong = next((path for path in KEYS[kind].split() if path.endswith(NUMBERS) and not _number(content, path)), None)
+    return f"its `{wrong}` is no number" if wrong else ""
+
+
+def _number(content: Any, path: str) -> bool:
+    for key in path.split("."):
+        content = content[key]
+    return content is None or (isinstance(content, (int, float)) and not isinstance(content, bool))
 
 
 def _has(content: Any, keys: list[str]) -> bool:

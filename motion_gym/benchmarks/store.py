@@ -125,7 +125,7 @@ def _packed(path: Path, changed: int) -> tuple[Run, ...]:
 def read_folder(folder: Path) -> list[Run]:
     """Runs of the small files in a folder; files that are no runs of this schema are named in a warning."""
     contents: dict[str, Any] = {}
-    for path in sorted(folder.glob("*.json")):
+    for path in sorted(path for path in folder.glob("*.json") if path.is_file() or path.is_symlink()):
         try:
             contents[path.name] = _parse(path.read_bytes())
         except (OSError, ValueError, RecursionError) as error:

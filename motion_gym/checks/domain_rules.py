@@ -18,6 +18,7 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.checks.report import CheckError, NotChecked, Rules, broken_if
 from motion_gym.contract import HISTORY, Card, DataError, MotionGymError, Recording, Truth
+from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.overlap import shared_people
 from motion_gym.data.recordings import check_recording
 from motion_gym.data.windows import Tracks, check_truth, counts
@@ -73,6 +74,12 @@ def members(trial: DomainTrial) -> None:
         not isinstance(trial.domain.card, Card),
         f"card is a {type(trial.domain.card).__name__}: leave it as RecordedDomain defines it.",
     )
+    for method, names in (("features", "feature_names"), ("side_channels", "side_channel_names")):
+        defined = getattr(type(trial.domain), method) is not getattr(RecordedDomain, method)
+        broken_if(
+            defined and not getattr(trial.domain, names) and names not in vars(trial.domain),
+            f"`{method}` is defined, and `{names}` is empty, so that it is not used: name what it gives.",
+        )
 
 
 def card(trial: DomainTrial) -> None:
@@ -152,7 +159,8 @@ def windows(trial: DomainTrial) -> None:
     """Windows are finite arrays of the right shapes and types, with the features of the card."""
     named = len(trial.card.features)
     for split in (*SPLITS, "reference"):
-        trial.recordings(split)
+        if any(recording.dt != trial.card.dt for recording in trial.recordings(split)):
+            raise NotChecked("recordings and card have different steps (rule `dt`)")
         try:
             columns = trial.windows(split).observation.history.shape[2]
         except NotChecked as reason:

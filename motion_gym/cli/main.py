@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
+import io
 import os
 import sys
 import warnings
@@ -19,6 +21,7 @@ from motion_gym.cli.claims import claims
 from motion_gym.cli.data import data
 from motion_gym.cli.inspect import inspect
 from motion_gym.cli.ls import ls
+from motion_gym.cli.output import only_json
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
 from motion_gym.cli.show import show
@@ -39,6 +42,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "claims": claims,
     "data": data,
 }
+PURPOSE = "Test motion forecasters where they will be used."
 RESUMED = ("score", "run", "adapt", "train")
 """Commands with ``--resume``."""
 
@@ -54,18 +58,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # module:Class finds files of the working folder.
     sys.path.insert(0, os.getcwd())
     warnings.showwarning = _show_warning
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # not every locale has all characters of a table
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="motion-gym",
-            description="Test motion forecasters where they will be used. `motion-gym --version` prints the version.",
-            args=arguments,
-        )
+        with only_json() if "--json" in arguments else contextlib.nullcontext():
+            tyro.extras.subcommand_cli_from_dict(
+                COMMANDS,
+                prog="motion-gym",
+                description=f"{PURPOSE} `motion-gym --version` prints the version.",
+                args=arguments,
+            )
+        sys.stdout.flush()
     except MotionGymError as error:
         _fail(str(error))
     except KeyboardInterrupt:
         kept = "--out" in arguments or arguments[0] in ("run", "train")
-        go_on = " What is finished is kept: the same command with --resume goes on." if kept else ""
+        go_on = (
+            " What is finished is kept, of a training its last checkpoint: the same command with --resume goes on."
+            if kept
+            else ""
+        )
         _print(f"Stopped.{go_on if arguments[0] in RESUMED else ''}")
         sys.exit(130)
     except BrokenPipeError:

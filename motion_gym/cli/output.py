@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import tyro
 from rich.console import Console
@@ -23,6 +24,7 @@ console = Console(emoji=False)
 Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Text = Annotated[str | None, tyro.conf.arg(metavar="TEXT")]
 Json = Annotated[bool, tyro.conf.arg(name="json")]
+_json_to: TextIO | None = None
 SECONDS_BETWEEN_LINES = 20.0
 """Shortest time between two lines of progress where the error stream is not a terminal."""
 
@@ -52,9 +54,21 @@ def reporter(progress: Progress, title: str) -> Callable[[int, int, str], None]:
     return report
 
 
+@contextlib.contextmanager
+def only_json() -> Iterator[None]:
+    """Keep the standard output for ``print_json``: all else, as what predictors print, goes to the error stream."""
+    global _json_to
+    _json_to = sys.stdout
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _json_to = None
+
+
 def print_json(value: Any) -> None:
     """Print a value of JSON types to the standard output."""
-    print(json.dumps(value, indent=1, allow_nan=False))
+    print(json.dumps(value, indent=1, allow_nan=False), file=_json_to or sys.stdout)
 
 
 def say(text: str) -> None:

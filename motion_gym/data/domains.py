@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -10,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from motion_gym.catalog import format_spec, suggest
-from motion_gym.contract import HISTORY, Card, Domain, Recording, SpecError, Truth
+from motion_gym.contract import HISTORY, Card, DataError, Domain, Recording, SpecError, Truth
 from motion_gym.data.windows import Tracks, counts, cut_windows, empty_truth, recorded_counts
 
 Kept = TypeVar("Kept")
@@ -157,7 +158,14 @@ class RecordedDomain:
         return store[key]
 
     def _windows(self, split: str) -> Truth:
-        tracks = [Tracks.of(recording) for recording in self.recordings(split)]
+        recordings = self.recordings(split)
+        for recording in recordings:
+            if not math.isclose(recording.dt, self.dt, rel_tol=1e-6):
+                raise DataError(
+                    f"recording {recording.name} of domain `{self.name}` has steps of {recording.dt:g} s, and the "
+                    f"domain steps of {self.dt:g} s (`dt`): make them the same."
+                )
+        tracks = [Tracks.of(recording) for recording in recordings]
         if tracks:
             truth = cut_windows(tracks, self.history, self.min_agents, self.stride)
         else:

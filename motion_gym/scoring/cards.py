@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.contract import Domain, MotionGymError
+from motion_gym.contract import Domain, MotionGymError, PredictorError
 from motion_gym.data.domains import spec_of
 from motion_gym.data.overlap import trained_on_scored
 
@@ -33,7 +33,11 @@ def declared_leaks(
     """
     leaks = []
     for attribute, action in (("trained_on", "weights were trained"), ("chosen_on", "settings were chosen")):
-        for name in _domains_of_same_people(getattr(predictor, attribute, ()), domain, split):
+        names = getattr(predictor, attribute, ())
+        if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+            owner = type(predictor).__name__
+            raise PredictorError(f"`{attribute}` of {owner} is {names!r}: give specs of domains, as a tuple of texts.")
+        for name in _domains_of_same_people(names, domain, split):
             leaks.append(f"the {action} on windows of {name} that are scored here")
     if domain.card.side_channels:
         leaks.append(f"oracle side channel: {', '.join(domain.card.side_channels)} reads the future")

@@ -8,7 +8,6 @@ that it holds no later scene. A predictor that remembers scenes in files is not 
 
 from __future__ import annotations
 
-import copy
 import os
 import pickle
 import subprocess
@@ -22,7 +21,7 @@ import numpy as np
 
 from motion_gym.contract import Forecast, Observation, PredictorError
 from motion_gym.data.windows import pick_scenes_of, rows_of
-from motion_gym.stepping.harness import ask, name_of
+from motion_gym.stepping.harness import ask, copied, name_of
 
 ASKED_AGAIN = 32
 """Number of scenes for which a deterministic predictor is asked again."""
@@ -38,11 +37,14 @@ def keep(predictor: Any) -> tuple[Any, str]:
 
     The state is the predictor pickled by cloudpickle, which includes the classes of a script with their class
     attributes; classes of importable modules are imported anew. If pickling fails, the state is a deep copy.
+
+    Raises:
+        PredictorError: The predictor can be neither pickled nor copied.
     """
     try:
         return cloudpickle.dumps(predictor), ""
     except Exception as error:  # a class of a user may raise anything
-        return copy.deepcopy(predictor), f"{type(error).__name__}: {error}"
+        return copied(predictor), f"{type(error).__name__}: {error}"
 
 
 def verify_order(

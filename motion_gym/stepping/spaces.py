@@ -88,8 +88,10 @@ def checked_action(action: Any, shape: tuple[int, ...], name: str, one_sample: b
     Raises:
         ActionError: it is something else.
     """
-    if not isinstance(action, np.ndarray) or action.dtype.char not in "fd":
-        kind = f"dtype {action.dtype}" if isinstance(action, np.ndarray) else f"type {type(action).__name__}"
+    masked = isinstance(action, np.ma.MaskedArray)
+    if not isinstance(action, np.ndarray) or masked or action.dtype.char not in "fd":
+        plain = isinstance(action, np.ndarray) and not masked
+        kind = f"dtype {action.dtype}" if plain else f"type {type(action).__name__}"
         raise ActionError(f"{name} has {kind}, not a float32 array: use numpy.asarray(action, dtype=numpy.float32).")
     if action.shape != shape and not (one_sample and shape[0] == 1 and action.shape == shape[1:]):
         raise ActionError(

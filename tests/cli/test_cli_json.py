@@ -2,6 +2,8 @@
 
 import json
 import shlex
+import subprocess
+import sys
 
 import pytest
 
@@ -58,3 +60,21 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(capsys, monkeypatch,
 
     printed = capsys.readouterr().err.splitlines()
     assert printed == [f"{done} of 10 done: epochs" for done in range(lines)]
+
+
+def test_a_predictor_that_prints_leaves_the_json_alone(folder, monkeypatch):
+    (folder / "chatty.py").write_text(
+        "import motion_gym\n"
+        "class Chatty:\n"
+        "    def predict(self, observation, samples=1, seed=0):\n"
+        "        print('hello')\n"
+        "        return observation.xy[:, None, -1:].repeat(12, axis=2)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "motion_gym", "score", "chatty:Chatty", "--domain", "orca:scenes=20", "--json"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) and "hello" in done.stderr
