@@ -14,6 +14,7 @@ from motion_gym.predictors.networks.filter_features import inputs_of, mirrored, 
 from motion_gym.predictors.networks.scene_noise import agent_keys, normals
 from motion_gym.predictors.training.residual_training import ResidualProgram
 from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.plans import OTHER_PLACES
 
 
 @dataclass(eq=False, repr=False)
@@ -34,7 +35,7 @@ class KalmanResidual(Weighted):
     """
 
     kind: ClassVar[str] = "kalman_residual"
-    shipped: ClassVar[str] = "original"
+    sets: ClassVar[tuple[str, ...]] = ("original/all", *OTHER_PLACES)
     program: ClassVar[type[ResidualProgram]] = ResidualProgram
 
     @property
@@ -56,10 +57,10 @@ class KalmanResidual(Weighted):
         flip = np.array([1.0, -1.0])
         offsets, spread = np.zeros((2, len(last), FUTURE, 2))
         for each, sign in ((inputs, 1.0), (mirrored(inputs), flip)):
-            tensors = (torch.from_numpy(values) for values in (each.own, each.others, each.there))
+            own, others, there = (torch.from_numpy(values) for values in (each.own, each.others, each.there))
             with torch.no_grad():
-                off, log = (values[0].double().numpy() for values in residual_network.residual(*tensors, weights))
-            offsets, spread = offsets + sign * off / 2, spread + log / 2
+                off, log = residual_network.residual(own, others, there, weights)
+            offsets, spread = offsets + sign * off[0].double().numpy() / 2, spread + log[0].double().numpy() / 2
         drawn = np.zeros((len(last), samples, FUTURE, 2))
         if samples > 1:
             _, keys = agent_keys(observation, samples - 1, seed)

@@ -69,7 +69,7 @@ class ResidualProgram(Program):
         self.nearest = [nearest_neighbours(t.observation.xy[:, -1], t.observation.scene) for t in train]
         shares = np.array([len(truth.observation) for truth in train]) ** BALANCE
         total = whole_number("agents", agents, 1, 10**9)
-        self.drawn = np.maximum(1, np.rint(total * shares / shares.sum())).astype(int)
+        self.drawn = [max(1, round(total * share)) for share in shares / shares.sum()]
         """Agents of an epoch, by environment."""
         self.known = [self._tensors(*_plain(truth)) for truth in train]
         self.validation = [self._tensors(*_plain(truth)) for truth in validation]
@@ -95,10 +95,10 @@ class ResidualProgram(Program):
         """Losses [M] of the steps of an epoch; all models see the same copies of the scenes."""
         rng = np.random.default_rng([epoch, len(self.train)])
         parts = [self._copies(number, rng) for number in range(len(self.train))]
-        *inputs, target = (torch.cat(values) for values in zip(*parts, strict=True))
+        own, others, there, target = (torch.cat(values) for values in zip(*parts, strict=True))
         order = torch.from_numpy(rng.permutation(len(target))).to(self.device)
         for index in order.split(self.batch):
-            offsets, spread = residual_network.residual(*(values[index] for values in inputs), weights)
+            offsets, spread = residual_network.residual(own[index], others[index], there[index], weights)
             off = offsets - target[index]
             distance = off.square().sum(dim=-1).add(1e-10).sqrt()
             likelihood = (spread + (off.detach() / spread.exp()).square() / 2).sum(dim=-1)
@@ -107,18 +107,19 @@ class ResidualProgram(Program):
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
         """ADE [M], metres, mean over the agent-windows of all environments."""
         total = torch.zeros(len(generators), device=self.device)
-        for *inputs, target in self.validation:
-            offsets, _ = residual_network.residual(*inputs, weights)
+        for own, others, there, target in self.validation:
+            offsets, _ = residual_network.residual(own, others, there, weights)
             total += (offsets - target).norm(dim=-1).mean(dim=-1).sum(dim=1)
         return total / sum(len(target) for *_, target in self.validation)
 
     def finished(self, weights: Weights) -> Weights:
         """The weights with the correlation of the errors between steps, measured on the training windows."""
         errors = []
-        for *inputs, target in self.known:
+        for part in self.known:
+            own, others, there, target = (values.cpu() for values in part)
             with torch.no_grad():
-                offsets, spread = residual_network.residual(*(v.cpu() for v in inputs), weights)
-            errors.append((target.cpu() - offsets) / spread.exp())
+                offsets, spread = residual_network.residual(own, others, there, weights)
+            errors.append((target - offsets) / spread.exp())
         z = torch.cat(errors, dim=1).double().clamp(-5, 5)
         z = z / z.square().mean(dim=1, keepdim=True).sqrt()
         correlation = torch.einsum("matc,masc->mcts", z, z) / z.shape[1] + JITTER * torch.eye(FUTURE)
