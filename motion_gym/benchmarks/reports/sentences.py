@@ -270,8 +270,8 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "The filters are within 10 % of the oracle after 90 matured forecasts, in all five runs": _mean(
             FILTERS, ["oracle"], ["from 90 on"], panel="style", ratio=(0, 1.1), each_seed=True
         ),
-        "After 90 matured forecasts the mean error of the filters is 20 to 30 % above the oracle's": _mean(
-            FILTERS, ["oracle"], ["from 90 on"], panel="style", ratio=(1.2, 1.3)
+        "After 90 matured forecasts the mean error of the filters is 15 to 25 % above the oracle's": _mean(
+            FILTERS, ["oracle"], ["from 90 on"], panel="style", ratio=(1.15, 1.25)
         ),
         "Tuning the modulator alone is not better than tuning everything after a sudden change of style": _lower(
             TUNED[2:3], TUNED[:1], ["sudden"], panel="style", where=NOWHERE
