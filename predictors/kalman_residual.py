@@ -10,8 +10,9 @@ import torch
 
 from motion_gym.contract import FUTURE, Forecast, Observation
 from motion_gym.predictors.networks import residual_network
-from motion_gym.predictors.networks.filter_features import inputs_of, mirrored, nearest_neighbours
+from motion_gym.predictors.networks.filter_features import Inputs, inputs_of, mirrored, nearest_neighbours
 from motion_gym.predictors.networks.scene_noise import agent_keys, normals
+from motion_gym.predictors.settings import boolean, setting
 from motion_gym.predictors.training.residual_training import ResidualProgram
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.training.plans import OTHER_PLACES
@@ -32,8 +33,14 @@ class KalmanResidual(Weighted):
     Args:
         weights: See ``Weighted``.
         seed: See ``Weighted``.
+        bank: False for an ablation: constant velocity at the last step in place of the filters.
+        neighbours: False for an ablation: the neighbours are not given to the network.
+        heading: False for an ablation: inputs in the axes of the world, which are not invariant to rotations.
     """
 
+    bank: bool = setting(True, boolean)
+    neighbours: bool = setting(True, boolean)
+    heading: bool = setting(True, boolean)
     kind: ClassVar[str] = "kalman_residual"
     sets: ClassVar[tuple[str, ...]] = ("original/all", *OTHER_PLACES)
     program: ClassVar[type[ResidualProgram]] = ResidualProgram
@@ -43,6 +50,13 @@ class KalmanResidual(Weighted):
         """Shape of every weight, without the model axis."""
         return residual_network.shapes()
 
+    def inputs(
+        self, xy: np.ndarray, dt: float, nearest: np.ndarray, chosen: np.ndarray | slice = slice(None)
+    ) -> Inputs:
+        """Inputs of some agents; see ``filter_features.inputs_of``."""
+        nearest = nearest if self.neighbours else np.full_like(nearest, -1)
+        return inputs_of(xy, dt, nearest, chosen, self.bank, self.heading)
+
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres.
 
@@ -51,7 +65,7 @@ class KalmanResidual(Weighted):
         """
         weights = self._ready(observation)
         last = observation.xy[:, -1:].astype(np.float64)
-        inputs = inputs_of(
+        inputs = self.inputs(
             observation.xy.astype(np.float64), observation.dt, nearest_neighbours(last[:, 0], observation.scene)
         )
         flip = np.array([1.0, -1.0])

@@ -87,9 +87,11 @@ def trainings() -> dict[str, Training]:
     plans["paper/eth"] = Training("eth:alpha=1", recordings, {"epochs": (150, 100, 150)})
     joined = {"epochs": (300, 200, 300), "joint": True, "scenes": 16 * 7, "until": "shortest"}
     plans["paper/hotel"] = Training("hotel", recordings, joined)
-    plans["style"] = Training("orca:d=0.4")
+    # Simulated tracks have no noise.
+    exact = {"kalman_residual": {"noise": 0.0, "scale": 0.0}}
+    plans["style"] = Training("orca:d=0.4", further=exact)
     plans["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
-    plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})
+    plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint, **exact})
     plans["style/blind"] = Training("orca:d=0.4,radius=7")
     plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     plans["original/all"] = Training("eth", {"by": "nothing"}, joint)

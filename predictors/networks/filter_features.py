@@ -69,7 +69,14 @@ def nearest_neighbours(last: np.ndarray, scene: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def inputs_of(xy: np.ndarray, dt: float, nearest: np.ndarray, chosen: np.ndarray | slice = slice(None)) -> Inputs:
+def inputs_of(
+    xy: np.ndarray,
+    dt: float,
+    nearest: np.ndarray,
+    chosen: np.ndarray | slice = slice(None),
+    bank: bool = True,
+    heading: bool = True,
+) -> Inputs:
     """Inputs of some agents.
 
     Args:
@@ -77,9 +84,16 @@ def inputs_of(xy: np.ndarray, dt: float, nearest: np.ndarray, chosen: np.ndarray
         dt: Seconds per step.
         nearest: [A, 6] from ``nearest_neighbours``.
         chosen: Index of the agents whose inputs are computed.
+        bank: False for the last step in place of the filters.
+        heading: False for the axes of the world in place of the frame of the agent.
     """
     q, r = (values.ravel() for values in np.meshgrid(ACCELERATION, MEASUREMENT, indexing="ij"))
-    positions, velocities, likelihood = filtered(xy - xy[:, -1:], dt, q, r)
+    if bank:
+        positions, velocities, likelihood = filtered(xy - xy[:, -1:], dt, q, r)
+    else:
+        positions = np.zeros((len(q), len(xy), 2))
+        velocities = np.broadcast_to((xy[:, -1] - xy[:, -2]) / dt, positions.shape)
+        likelihood = np.zeros(positions.shape[:2])
     weight = np.exp(likelihood - likelihood.max(axis=0))
     weight /= weight.sum(axis=0)
     position, velocity = (np.einsum("ga,gac->ac", weight, values) for values in (positions, velocities))
@@ -87,7 +101,8 @@ def inputs_of(xy: np.ndarray, dt: float, nearest: np.ndarray, chosen: np.ndarray
 
     own_velocity, own_position = velocity[chosen], position[chosen]
     speed = np.linalg.norm(own_velocity, axis=-1, keepdims=True)
-    along = np.where(speed > STANDING, own_velocity / np.maximum(speed, STANDING), (1.0, 0.0))
+    moves = (speed > STANDING) & heading
+    along = np.where(moves, own_velocity / np.maximum(speed, STANDING), (1.0, 0.0))
     turn = np.stack([along, np.stack([-along[:, 1], along[:, 0]], axis=-1)], axis=-1)
     straight = own_position[:, None] + dt * np.arange(1, FUTURE + 1)[:, None] * own_velocity[:, None]
 

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from motion_gym.contract import FUTURE, Truth
 from motion_gym.predictors.networks import residual_network
-from motion_gym.predictors.networks.filter_features import Inputs, inputs_of, nearest_neighbours
+from motion_gym.predictors.networks.filter_features import Inputs, nearest_neighbours
+from motion_gym.predictors.settings import boolean
 from motion_gym.specs import number, whole_number
 from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs, digests
 
@@ -42,6 +43,7 @@ class ResidualProgram(Program):
         batch: Agents of a step.
         noise: Largest standard deviation of the noise, metres.
         scale: Largest absolute logarithm of the factor of a scene.
+        squared: Train on the mean squared distance in place of the mean distance.
 
     Raises:
         SpecError: a number is not allowed.
@@ -60,11 +62,13 @@ class ResidualProgram(Program):
         batch: int = 512,
         noise: float = 0.08,
         scale: float = 0.3,
+        squared: bool = False,
     ):
         check_complete(train, validation)
         (count,) = check_epochs(predictor.name, epochs, 1)
         self.batch = whole_number("batch", batch, 1, 10**9)
         self.noise, self.scale = number("noise", noise), number("scale", scale)
+        self.inputs, self.squared = predictor.inputs, boolean("squared", squared)
         self.device, self.train = device, list(train)
         self.nearest = [nearest_neighbours(t.observation.xy[:, -1], t.observation.scene) for t in train]
         shares = np.array([len(truth.observation) for truth in train]) ** BALANCE
@@ -82,6 +86,7 @@ class ResidualProgram(Program):
             "batch": batch,
             "noise": noise,
             "scale": scale,
+            **({"squared": True} if squared else {}),
             **digests(train, validation),
         }
 
@@ -100,7 +105,8 @@ class ResidualProgram(Program):
         for index in order.split(self.batch):
             offsets, spread = residual_network.residual(own[index], others[index], there[index], weights)
             off = offsets - target[index]
-            distance = off.square().sum(dim=-1).add(1e-10).sqrt()
+            distance = off.square().sum(dim=-1).add(1e-10)
+            distance = distance if self.squared else distance.sqrt()
             likelihood = (spread + (off.detach() / spread.exp()).square() / 2).sum(dim=-1)
             yield (distance + 0.1 * likelihood).mean(dim=(1, 2))
 
@@ -137,12 +143,12 @@ class ResidualProgram(Program):
         xy = xy * stretch + rng.normal(size=xy.shape) * strength[each][:, None, None]
         agents = len(xy)
         chosen = rng.choice(agents, self.drawn[number], replace=self.drawn[number] > agents)
-        inputs = inputs_of(xy, truth.observation.dt, self.nearest[number], chosen)
+        inputs = self.inputs(xy, truth.observation.dt, self.nearest[number], chosen)
         return self._as_tensors(inputs, (future * stretch)[chosen] - xy[chosen, -1:])
 
     def _tensors(self, xy: np.ndarray, future: np.ndarray, scene: np.ndarray, dt: float) -> tuple[Tensor, ...]:
         """Inputs and target of all agents."""
-        return self._as_tensors(inputs_of(xy, dt, nearest_neighbours(xy[:, -1], scene)), future - xy[:, -1:])
+        return self._as_tensors(self.inputs(xy, dt, nearest_neighbours(xy[:, -1], scene)), future - xy[:, -1:])
 
     def _as_tensors(self, inputs: Inputs, offsets: np.ndarray) -> tuple[Tensor, ...]:
         """Inputs, and the offsets [A, 12, 2] that the filters leave, in the frame of the agents."""

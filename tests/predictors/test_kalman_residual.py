@@ -1,6 +1,7 @@
 """Kalman filters with a residual network."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def test_neighbours_are_the_nearest_of_the_scene(sizes, seed):
     last = np.random.default_rng(seed).normal(size=(sum(sizes), 2))
     scene = np.cumsum([0, *sizes])
     found = nearest_neighbours(last, scene)
-    for first, end in zip(scene[:-1], scene[1:], strict=True):
+    for first, end in itertools.pairwise(scene):
         for agent in range(first, end):
             others = [other for other in range(first, end) if other != agent]
             others.sort(key=lambda other: np.linalg.norm(last[other] - last[agent]))
@@ -76,7 +77,7 @@ def test_neighbours_are_the_nearest_of_the_scene(sizes, seed):
 
 
 def test_training_improves_on_the_filters(data, trained):
-    train, validation = data
+    _, validation = data
     errors = [
         np.concatenate([score(predictor.predict(t.observation), t)["ADE"] for t in validation]).mean()
         for predictor in (trained, KalmanVelocity())
@@ -90,9 +91,7 @@ def test_an_untrained_network_forecasts_as_the_filters(data):
     zero = {k: v * 0 if k.startswith("residual.") and k.endswith("3") else v for k, v in untrained.stacked.items()}
     untrained.use(zero, untrained.card)
     seen = crowd()
-    np.testing.assert_allclose(
-        untrained.predict(seen).positions, KalmanVelocity().predict(seen).positions, atol=1e-5
-    )
+    np.testing.assert_allclose(untrained.predict(seen).positions, KalmanVelocity().predict(seen).positions, atol=1e-5)
 
 
 def test_the_first_sample_is_the_forecast_and_the_others_spread_more_and_more(trained):
