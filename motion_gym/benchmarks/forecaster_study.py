@@ -68,25 +68,30 @@ def ablations(
     Returns:
         As ``against_filters``, without ``chosen``; differences are the variant's ADE minus the forecaster's.
     """
+    fitted: dict[tuple[str, str], Any] = {}
     result: dict[str, Any] = {}
-    for place, plan_name in places.items():
-        plan = training(plan_name)
+    for place, plan in places.items():
         truth = catalog.domain(place).windows("test")
         errors: dict[str, np.ndarray] = {}
         for name, variant in variants.items():
-            trained: Any = catalog.predictor(row, **variant.get("settings", {}))
-            trained.fit(*plan.data(), list(seeds), names=plan.names(), **variant.get("options", {}))
-            by_seed = []
-            for seed in seeds:
-                one: Any = catalog.predictor(row, **variant.get("settings", {}), seed=seed)
-                one.use(trained.stacked, trained.card)
-                by_seed.append(_errors(one, truth))
-            errors[name] = np.array(by_seed)
-        full = next(iter(errors.values()))
-        agent = truth.observation.agent
+            if (plan, name) not in fitted:
+                fitted[plan, name] = _fitted(row, plan, variant, seeds)
+            errors[name] = np.array([_errors(one, truth) for one in fitted[plan, name]])
+        full, agent = next(iter(errors.values())), truth.observation.agent
         result[place] = {name: _entry(values, values - full, agent) for name, values in errors.items()}
     card = catalog.domain(next(iter(places))).card
     return {"row": row, "places": result, "unit": card.unit, "dt": card.dt}
+
+
+def _fitted(row: str, plan: str, variant: Mapping[str, Any], seeds: Sequence[int]) -> list[Any]:
+    """A variant of a forecaster for each seed, trained on a plan."""
+    settings, data = variant.get("settings", {}), training(plan)
+    together: Any = catalog.predictor(row, **settings)
+    together.fit(*data.data(), list(seeds), names=data.names(), **variant.get("options", {}))
+    each: list[Any] = [catalog.predictor(row, **settings, seed=seed) for seed in seeds]
+    for one in each:
+        one.use(together.stacked, together.card)
+    return each
 
 
 def _errors(predictor: Any, truth: Any) -> np.ndarray:

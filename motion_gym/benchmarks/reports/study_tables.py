@@ -74,8 +74,8 @@ def against_filters(study: Study) -> Table:
     chosen = "; ".join(f"{place}: {name}" for place, name in study["chosen"].items())
     caption = (
         f"ADE, {study['unit']}, k = 1, mean ± standard error over seeds. In brackets: the ADE of `{study['row']}` "
-        "minus that of the row, paired, with its 95 % interval over whole agents and seeds. The filter chosen on the sources "
-        f"is the best one at the other places ({chosen})."
+        "minus that of the row, paired, with its 95 % interval over whole agents and seeds. The filter chosen on the "
+        f"sources is the best one at the other places ({chosen})."
     )
     return _by_place("A forecaster against filters, at places it was not trained on", study, caption)
 
