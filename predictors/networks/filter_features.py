@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY
-from motion_gym.predictors.kalman_velocity import ACCELERATION, MEASUREMENT, filtered
+from motion_gym.predictors.kalman_velocity import ACCELERATION, MEASUREMENT, FilterBank, filtered
 
 NEAREST = 6
 """Neighbours of an agent: those that are nearest at the last observed step."""
@@ -89,14 +89,12 @@ def inputs_of(
     """
     q, r = (values.ravel() for values in np.meshgrid(ACCELERATION, MEASUREMENT, indexing="ij"))
     if bank:
-        positions, velocities, likelihood = filtered(xy - xy[:, -1:], dt, q, r)
+        filters = filtered(xy - xy[:, -1:], dt, q, r)
     else:
-        positions = np.zeros((len(q), len(xy), 2))
-        velocities = np.broadcast_to((xy[:, -1] - xy[:, -2]) / dt, positions.shape)
-        likelihood = np.zeros(positions.shape[:2])
-    weight = np.exp(likelihood - likelihood.max(axis=0))
-    weight /= weight.sum(axis=0)
-    position, velocity = (np.einsum("ga,gac->ac", weight, values) for values in (positions, velocities))
+        last = np.broadcast_to((xy[:, -1] - xy[:, -2]) / dt, (len(q), len(xy), 2))
+        filters = FilterBank(np.zeros(last.shape), last, np.zeros(last.shape[:2]), np.zeros((len(q), 2, 2)))
+    weight, velocities = filters.shares, filters.velocity
+    position, velocity = (np.einsum("ga,gac->ac", weight, values) for values in (filters.position, velocities))
     place = xy[:, -1] + position  # filtered position at the last step
 
     own_velocity, own_position = velocity[chosen], position[chosen]
