@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from motion_gym.contract import FUTURE, Forecast, Observation
+from motion_gym.contract import FUTURE, Forecast, Observation, Truth
 from motion_gym.predictors.networks import residual_network
 from motion_gym.predictors.networks.filter_features import Inputs, inputs_of, mirrored, nearest_neighbours
+from motion_gym.predictors.networks.last_layer import LastLayer, with_bias_input
 from motion_gym.predictors.networks.scene_noise import agent_keys, normals
 from motion_gym.predictors.settings import boolean, setting
 from motion_gym.predictors.training.residual_training import ResidualProgram
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.training.plans import OTHER_PLACES
+from motion_gym.training.program import Weights
 
 
 @dataclass(eq=False, repr=False)
@@ -44,6 +48,11 @@ class KalmanResidual(Weighted):
     kind: ClassVar[str] = "kalman_residual"
     sets: ClassVar[tuple[str, ...]] = ("original/all", *OTHER_PLACES)
     program: ClassVar[type[ResidualProgram]] = ResidualProgram
+    parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "all": ("neighbour", "residual"),
+        "last_layer": ("residual.weight3", "residual.bias3"),
+    }
+    """Tunable weights, by prefixes of their names; see ``last_layer.Tunable``."""
 
     @property
     def expected(self) -> dict[str, tuple[int, ...]]:
@@ -64,22 +73,56 @@ class KalmanResidual(Weighted):
             PredictorError: there are no weights, or the observation has another time step than the training data.
         """
         weights = self._ready(observation)
-        last = observation.xy[:, -1:].astype(np.float64)
-        inputs = self.inputs(
-            observation.xy.astype(np.float64), observation.dt, nearest_neighbours(last[:, 0], observation.scene)
-        )
-        flip = np.array([1.0, -1.0])
-        offsets, spread = np.zeros((2, len(last), FUTURE, 2))
-        for each, sign in ((inputs, 1.0), (mirrored(inputs), flip)):
-            own, others, there = (torch.from_numpy(values) for values in (each.own, each.others, each.there))
-            with torch.no_grad():
-                off, log = residual_network.residual(own, others, there, weights)
-            offsets, spread = offsets + sign * off[0].double().numpy() / 2, spread + log[0].double().numpy() / 2
+        inputs, last = self._inputs_of(observation)
+        with torch.no_grad():
+            residual, spread = (values[0].double().numpy() for values in _both_sides(inputs, weights))
         drawn = np.zeros((len(last), samples, FUTURE, 2))
         if samples > 1:
             _, keys = agent_keys(observation, samples - 1, seed)
             noise = normals(keys, 2 * FUTURE).reshape(samples - 1, len(last), 2, FUTURE)
             factor = weights["correlation.factor"][0].double().numpy()
             drawn[:, 1:] = np.einsum("cts,kacs->aktc", factor, noise) * np.exp(spread)[:, None]
-        offsets = (offsets[:, None] + drawn) @ inputs.turn.transpose(0, 2, 1)[:, None]
+        offsets = (residual[:, None] + drawn) @ inputs.turn.transpose(0, 2, 1)[:, None]
         return Forecast((last[:, None] + inputs.straight[:, None] + offsets).astype(np.float32))
+
+    def offsets(self, observation: Observation, weights: Weights, seed: int = 0, shown: Truth | None = None) -> Tensor:
+        """Offsets [M, A, 12, 2] of the forecast from the last position, metres; see ``last_layer.Tunable``."""
+        inputs, _ = self._inputs_of(observation)
+        turn, straight = (torch.from_numpy(values).float() for values in (inputs.turn, inputs.straight))
+        return straight + _both_sides(inputs, weights)[0] @ turn.transpose(1, 2)
+
+    def last_layer(self, observation: Observation, seed: int = 0) -> LastLayer:
+        """The last layer, from each agent to what it adds to the filters; see ``last_layer.LastLayer``.
+
+        The mean over a scene and its mirror image is linear, too: along the course in the mean of the hidden values of
+        both, and to the left in half of their difference.
+        """
+        weights = self._ready(observation)
+        inputs, last = self._inputs_of(observation)
+        with torch.no_grad():
+            one, other = (
+                residual_network.hidden(*_tensors(side), weights)[0].double().numpy()
+                for side in (inputs, mirrored(inputs))
+            )
+        matrix, bias = (weights[f"residual.{name}3"][0].double().numpy() for name in ("weight", "bias"))
+        along = np.arange(2 * FUTURE) % 2 == 0
+        weight = np.concatenate([matrix * along, matrix * ~along, (bias * along)[None]])
+        rows = with_bias_input(np.concatenate([(one + other) / 2, (one - other) / 2], axis=1))
+        return LastLayer(rows, weight, last + inputs.straight, inputs.turn, moves=False)
+
+    def _inputs_of(self, observation: Observation) -> tuple[Inputs, np.ndarray]:
+        """Inputs of all agents, and their last observed positions [A, 1, 2], metres."""
+        xy = observation.xy.astype(np.float64)
+        return self.inputs(xy, observation.dt, nearest_neighbours(xy[:, -1], observation.scene)), xy[:, -1:]
+
+
+def _tensors(inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:
+    own, others, there = (torch.from_numpy(values) for values in (inputs.own, inputs.others, inputs.there))
+    return own, others, there
+
+
+def _both_sides(inputs: Inputs, weights: Weights) -> tuple[Tensor, Tensor]:
+    """Offsets and log standard deviations [M, A, 12, 2], means over the scenes and their mirror images."""
+    offsets, spread = residual_network.residual(*_tensors(inputs), weights)
+    others, other_spread = residual_network.residual(*_tensors(mirrored(inputs)), weights)
+    return (offsets + others * torch.tensor([1.0, -1.0])) / 2, (spread + other_spread) / 2

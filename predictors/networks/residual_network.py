@@ -52,25 +52,31 @@ def initial(own: Tensor, seed: int) -> Weights:
     return weights
 
 
-def residual(own: Tensor, others: Tensor, there: Tensor, weights: Weights) -> tuple[Tensor, Tensor]:
-    """Offsets from the forecast of the filters, and the logarithm of their standard deviations.
-
-    The standard deviations do not train the layers that they share with the offsets.
+def hidden(own: Tensor, others: Tensor, there: Tensor, weights: Weights) -> Tensor:
+    """Inputs [M, A, 192] of the last layers.
 
     Args:
         own: [A, OWN] inputs of agents.
         others: [A, 6, OTHER] inputs of their neighbours.
         there: [A, 6] 1 where there is a neighbour.
         weights: Weights of M models.
-
-    Returns:
-        Two tensors [M, A, 12, 2]: metres along and to the left, and log metres.
     """
     models = len(weights["inputs.mean"])
     each = layers(others.flatten(0, 1).expand(models, -1, -1), weights, "neighbour", 1, 2).relu()
     each = each.unflatten(1, others.shape[:2]) * there[..., None]
     scaled = (own - weights["inputs.mean"][:, None]) / weights["inputs.scale"][:, None]
-    hidden = layers(torch.cat([scaled, each.sum(dim=2), each.amax(dim=2)], dim=-1), weights, "residual", 1, 2).relu()
-    offsets = pair_network.layer(hidden, weights, "residual", 3)
-    spread = pair_network.layer(hidden.detach(), weights, "spread", 1)
+    return layers(torch.cat([scaled, each.sum(dim=2), each.amax(dim=2)], dim=-1), weights, "residual", 1, 2).relu()
+
+
+def residual(own: Tensor, others: Tensor, there: Tensor, weights: Weights) -> tuple[Tensor, Tensor]:
+    """Offsets from the forecast of the filters, and the logarithm of their standard deviations; see ``hidden``.
+
+    The standard deviations do not train the layers that they share with the offsets.
+
+    Returns:
+        Two tensors [M, A, 12, 2]: metres along and to the left, and log metres.
+    """
+    inner = hidden(own, others, there, weights)
+    offsets = pair_network.layer(inner, weights, "residual", 3)
+    spread = pair_network.layer(inner.detach(), weights, "spread", 1)
     return offsets.unflatten(-1, (FUTURE, 2)), spread.unflatten(-1, (FUTURE, 2))
