@@ -62,10 +62,10 @@ check: $(VENV)/.ready
 # `published` is left out: its external programs need checkouts, see examples/published/README.md.
 # The stored runs, the tables and the figures of all benchmarks, from scratch: about two hours on two cores.
 results: $(VENV)/.ready
-	cd $(ROOT) && for name in baselines spurious original style crowd transfer refinement pretraining online; do \
+	cd $(ROOT) && for name in baselines spurious places original style crowd transfer refinement pretraining online; do \
 	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results || exit 1; \
 	  done
-	cd $(ROOT) && $(BIN)/motion-gym run style --into README.md
+	cd $(ROOT) && for name in style places; do $(BIN)/motion-gym run $$name --into README.md || exit 1; done
 	cd $(ROOT) && $(BIN)/motion-gym claims --out docs/claims.md
 	cd $(ROOT) && $(BIN)/motion-gym show orca:agents=10,d=0.5,scenes=50 --scene 3 --predictor constant_velocity \
 	  --predictor modular_stgat --out docs/scene.svg

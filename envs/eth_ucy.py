@@ -162,19 +162,22 @@ class EthUcy(RecordedDomain):
             design: ``"paper"`` assigns alpha 1, 2, 4 and 8 to the places in order (for ``eth``: hotel 1, univ 2,
                 zara1 4, zara2 8); ``"crossed"`` combines every place with every alpha. Without sigma both are the
                 places.
-            by: ``"place"`` leaves out this place; ``"location"`` leaves out all places with the same location.
+            by: ``"place"`` leaves out this place; ``"location"`` leaves out all places with the same location;
+                ``"nothing"`` leaves out none, for a forecaster that is used elsewhere.
             among: The places to choose from.
             alphas: The four alphas, in the order of the places.
             each: ``"recording"`` makes each recording of a place a domain of its own, as in the released program.
         """
         owner = f"domain `{self.name}`"
         one_of("design", design, ("paper", "crossed"), owner)
-        one_of("by", by, ("place", "location"), owner)
+        one_of("by", by, ("place", "location", "nothing"), owner)
         one_of("each", each, ("place", "recording"), owner)
         own = LOCATION[self.name]
         for place in among:
             one_of("among", place, PLACES, owner)
-        names = [p for p in among if (LOCATION[p] != own if by == "location" else p != (self.place or self.name))]
+        place = self.place or self.name
+        kept = {"place": lambda p: p != place, "location": lambda p: LOCATION[p] != own, "nothing": lambda p: True}
+        names = [p for p in among if kept[by](p)]
         common: dict[str, Any] = {"curvature": self.curvature, "min_agents": self.min_agents, "stride": self.stride}
         if self.sigma == "none":
             sources = [(p, common) for p in names]

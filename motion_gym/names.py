@@ -48,6 +48,10 @@ PREDICTORS = {
         "motion_gym.predictors.kalman_velocity:KalmanVelocity",
         "constant velocity by Kalman filters, a mixture over their noise variances; needs no training",
     ),
+    "kalman_residual": Entry(
+        "motion_gym.predictors.kalman_residual:KalmanResidual",
+        "kalman_velocity and a network that corrects it, any neighbours; needs PyTorch",
+    ),
     "stand_still": Entry("motion_gym.predictors.stand_still:StandStill", "stays at the last position"),
     "linear": Entry(
         "motion_gym.predictors.linear:Linear", "ridge regression in the heading frame; with sigma=true it needs sigma"

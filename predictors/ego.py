@@ -30,7 +30,7 @@ class EgoErm(Weighted):
     """
 
     kind: ClassVar[str] = "ego_erm"
-    shipped: ClassVar[str] = "style"
+    sets: ClassVar[tuple[str, ...]] = ("style",)
     networks: ClassVar[tuple[str, ...]] = ("plain",)
     program: ClassVar[type[EgoProgram]] = EgoProgram
 

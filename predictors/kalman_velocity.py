@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.special import ndtr
 
 from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError
+from motion_gym.predictors.networks.scene_noise import agent_keys, normals
 from motion_gym.predictors.settings import optional, positive
 from motion_gym.specs import one_of
 
@@ -16,7 +20,7 @@ SELECTIONS = ("mixture", "likeliest")
 
 
 class KalmanVelocity:
-    """Constant velocity, estimated by Kalman filters. Deterministic; needs no training, works at any time step.
+    """Constant velocity, estimated by Kalman filters. Needs no training, works at any time step.
 
     Each axis of each agent has the state (position, velocity). The model has a random acceleration of variance q that
     is constant between two steps, and observed positions with errors of variance r. The first two positions give the
@@ -25,6 +29,9 @@ class KalmanVelocity:
     By default q and r are taken from a grid of 5 and 6 values, which gives up to 30 filters. Each filter is weighted by
     the likelihood of the agent's own history: ``mixture`` averages the forecasts with these weights, ``likeliest`` uses
     the filter with the highest likelihood. Agents do not share information.
+
+    The first sample is the forecast. Each further sample takes one filter, drawn by the weights, a position and
+    velocity from its distribution, and random accelerations of variance q, for each agent independently.
 
     Args:
         q: Variance of the acceleration, (m/s^2)^2; None for the grid ``ACCELERATION``.
@@ -42,7 +49,7 @@ class KalmanVelocity:
         self.select = one_of("select", select, SELECTIONS, "kalman_velocity")
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
-        """Forecast [A, 1, 12, 2], metres.
+        """Forecast [A, K, 12, 2], metres.
 
         Raises:
             PredictorError: the time step is not a finite number above 0.
@@ -54,20 +61,45 @@ class KalmanVelocity:
             ACCELERATION if self.q is None else self.q, MEASUREMENT if self.r is None else self.r, indexing="ij"
         )
         origin = observation.xy[:, -1:].astype(np.float64)
-        position, velocity, likelihood = filtered(observation.xy - origin, dt, q.ravel(), r.ravel())
+        bank = filtered(observation.xy - origin, dt, q.ravel(), r.ravel())
         if self.select == "mixture":
-            weight = np.exp(likelihood - likelihood.max(axis=0))
-            weight /= weight.sum(axis=0)
+            weight = bank.shares
         else:
-            weight = (np.arange(len(likelihood))[:, None] == likelihood.argmax(axis=0)).astype(np.float64)
-        position = np.einsum("ga,gac->ac", weight, position)
-        velocity = np.einsum("ga,gac->ac", weight, velocity)
+            weight = (np.arange(q.size)[:, None] == bank.likelihood.argmax(axis=0)).astype(np.float64)
+        position = np.einsum("ga,gac->ac", weight, bank.position)
+        velocity = np.einsum("ga,gac->ac", weight, bank.velocity)
         ahead = dt * np.arange(1, FUTURE + 1)[:, None]
-        positions = origin + position[:, None] + ahead * velocity[:, None]
-        return Forecast(positions[:, None].astype(np.float32))
+        positions = (position[:, None] + ahead * velocity[:, None])[:, None]
+        if samples > 1:
+            drawn = _drawn(bank, weight, q.ravel(), dt, observation, samples - 1, seed)
+            positions = np.concatenate([positions, drawn], axis=1)
+        return Forecast((origin[:, None] + positions).astype(np.float32))
 
 
-def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+@dataclass(frozen=True)
+class FilterBank:
+    """G filters after the observed steps of A agents.
+
+    Attributes:
+        position: [G, A, 2] metres.
+        velocity: [G, A, 2] metres per second.
+        likelihood: [G, A] log-likelihood of the third and later observed positions, without its constant.
+        covariance: [G, 2, 2] of position and velocity, the same for both axes and all agents.
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    likelihood: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def shares(self) -> np.ndarray:
+        """[G, A] weights of the filters, in proportion to their likelihoods; their sum is 1."""
+        weight = np.exp(self.likelihood - self.likelihood.max(axis=0))
+        return weight / weight.sum(axis=0)
+
+
+def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> FilterBank:
     """Run G filters over the observed positions.
 
     The covariance of a filter depends only on q, r and dt, so all agents share it.
@@ -77,10 +109,6 @@ def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> tuple[n
         dt: Seconds per step.
         q: [G] variances of the acceleration.
         r: [G] variances of a measured coordinate.
-
-    Returns:
-        Final position and velocity [G, A, 2], metres and metres per second, and the log-likelihood [G, A] of the third
-        and later observed positions, without its constant.
     """
     transition = np.array([[1, dt], [0, 1]])
     effect = np.array([dt**2 / 2, dt])  # of a unit acceleration on position and velocity
@@ -102,4 +130,23 @@ def filtered(xy: np.ndarray, dt: float, q: np.ndarray, r: np.ndarray) -> tuple[n
         likelihood -= (innovation**2).sum(axis=-1) / (2 * variance[:, None]) + np.log(variance)[:, None]
         position = position + gain[:, 0, None, None] * innovation
         velocity = velocity + gain[:, 1, None, None] * innovation
-    return position, velocity, likelihood
+    return FilterBank(position, velocity, likelihood, covariance)
+
+
+def _drawn(
+    bank: FilterBank, weight: np.ndarray, q: np.ndarray, dt: float, observation: Observation, samples: int, seed: int
+) -> np.ndarray:
+    """Positions [A, K, 12, 2] of paths that are drawn from a mixture of filters, metres."""
+    _, keys = agent_keys(observation, samples, seed)
+    noise = normals(keys, 2 * (FUTURE + 4)).astype(np.float64)  # [K, A, 32]
+    # The normal distribution function of one of the values is uniform, and chooses the filter.
+    uniform = ndtr(noise[..., 0])
+    edges = weight.cumsum(axis=0).T  # [A, G]
+    chosen = (uniform.T[..., None] > edges[:, None, :-1]).sum(axis=-1)  # [A, K]
+    agent = np.arange(len(chosen))[:, None]
+    factor = np.linalg.cholesky(bank.covariance + 1e-12 * np.eye(2))[chosen]  # [A, K, 2, 2]
+    state = np.einsum("akij,kajc->akic", factor, noise[..., 2:6].reshape(samples, -1, 2, 2))
+    position, velocity = bank.position[chosen, agent] + state[:, :, 0], bank.velocity[chosen, agent] + state[:, :, 1]
+    pushes = noise[..., 8:].reshape(samples, -1, FUTURE, 2).transpose(1, 0, 2, 3) * np.sqrt(q)[chosen][..., None, None]
+    velocities = velocity[:, :, None] + dt * (pushes.cumsum(axis=2) - pushes)
+    return position[:, :, None] + (dt * velocities + dt**2 / 2 * pushes).cumsum(axis=2)

@@ -39,7 +39,7 @@ class StyleErm(Weighted):
 
     penalty: float = setting(0.0, number)
     kind: ClassVar[str] = "style_erm"
-    shipped: ClassVar[str] = "style"
+    sets: ClassVar[tuple[str, ...]] = ("style",)
     agents_per_scene: ClassVar[int] = AGENTS
     """The only number of agents per scene that the network takes."""
     program: ClassVar[type[StyleProgram]] = StyleProgram

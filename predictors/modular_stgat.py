@@ -41,7 +41,7 @@ class ModularStgat(StyleMemory, Stgat):
 
     sigma: bool | str = setting(False, check_sigma)
     kind: ClassVar[str] = "modular_stgat"
-    shipped: ClassVar[str] = "style/crowd"
+    sets: ClassVar[tuple[str, ...]] = ("style/crowd",)
     program: ClassVar[type[StgatProgram]] = StyledStgatProgram
     # psi, f and g of the paper are the style encoder, the modulator and the decoder.
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {

@@ -32,6 +32,7 @@ from motion_gym.predictors.training import objectives
 from motion_gym.predictors.training.objectives import Objective
 from motion_gym.predictors.training.stgat_training import StgatProgram
 from motion_gym.predictors.weighted import Weighted
+from motion_gym.training.plans import OTHER_PLACES
 from motion_gym.training.program import Weights
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Stgat(Weighted):
 
     sigma: bool | str = setting(True, check_sigma)
     kind: ClassVar[str] = "stgat"
-    shipped: ClassVar[str] = "spurious"
+    sets: ClassVar[tuple[str, ...]] = ("spurious", *OTHER_PLACES)
     program: ClassVar[type[StgatProgram]] = StgatProgram
     counterfactual = False
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = PARTS

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from motion_gym.contract import Observation, PredictorError, SpecError, Truth
+from motion_gym import catalog
+from motion_gym.contract import Domain, Observation, PredictorError, SpecError, Truth
 from motion_gym.data.storage import digest
 from motion_gym.predictors.settings import check_settings, name_of_settings, optional, whole
 from motion_gym.specs import whole_number
@@ -16,7 +18,7 @@ from motion_gym.training import loop as training
 from motion_gym.training.loop import Progress, device_named
 from motion_gym.training.program import Program, Weights
 from motion_gym.training.provenance import commit, sources_of, versions
-from motion_gym.training.weight_files import check_shapes, locate, read, write
+from motion_gym.training.weight_files import check_shapes, locate, read, read_card, write
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -34,8 +36,8 @@ class Weighted:
     and its training program. Each combination of settings is a row of its own in tables and has its own weight file.
 
     Args:
-        weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file. The default is the
-            shipped weights for these settings.
+        weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file. By default, ``auto``,
+            the first of the shipped sets ``sets`` that was not trained in a world on which the predictor is scored.
         seed: Seed of the trained model to use; by default the first.
 
     Raises:
@@ -46,8 +48,8 @@ class Weighted:
     weights: str | Path | None = None
     seed: int | None = None
     kind: ClassVar[str]
-    shipped: ClassVar[str]
-    """Name of the default weights."""
+    sets: ClassVar[tuple[str, ...]]
+    """Names of shipped weights to choose from, best first; the first one is used where all have seen the world."""
     program: ClassVar[Callable[..., Program]]
     """Class of the training program; takes the predictor, both sets, a device, and the options of ``fit``."""
     fit_on_demand: ClassVar[bool] = False
@@ -56,8 +58,11 @@ class Weighted:
     def __post_init__(self) -> None:
         self.seed = SEED("seed", self.seed)
         check_settings(self)
+        self.weights = None if self.weights == "auto" else self.weights
         self.tensors: Weights | None = None
         """Weights [1, ...] of the seed; None until they are loaded."""
+        self.chosen = self.sets[0]
+        """Name of the shipped weights to load if no others are given."""
         self.stacked: Weights = {}
         """Weights [M, ...] of all seeds."""
         self.card: dict[str, Any] = {}
@@ -79,7 +84,7 @@ class Weighted:
         """Whether there are weights: loaded, trained, or shipped for these settings."""
         if self.tensors is None:
             try:
-                locate(self.shipped, self.name)
+                locate(self.chosen, self.name)
             except PredictorError:
                 return False
         return True
@@ -100,6 +105,20 @@ class Weighted:
         """How the weights were selected, according to their card."""
         self._ready()
         return str(self.card.get("selection", "not stated by the weights"))
+
+    def choose_weights(self, domains: Sequence[Domain]) -> None:
+        """Choose the shipped weights for a score on domains, unless the predictor has weights.
+
+        A predictor must not be scored in a world that it was trained in. This takes the first of ``sets`` that was not
+        trained in the world of any of the domains, or the first one if there is none.
+        """
+        worlds = {domain.world for domain in domains}
+        for name in self.sets if self.tensors is None else ():
+            with contextlib.suppress(PredictorError):  # these settings have no such weights
+                card = read_card(locate(name, self.name))
+                if worlds.isdisjoint(catalog.domain(source).world for source in card["trained_on"]):
+                    self.chosen = name
+                    return
 
     def fit(
         self,
@@ -175,7 +194,7 @@ class Weighted:
             PredictorError: there are no weights, or the observation has another time step than the training data.
         """
         if self.tensors is None:
-            self.load(locate(self.shipped, self.name))
+            self.load(locate(self.chosen, self.name))
         dt = float(self.card.get("dt", DT))
         if observation is not None and not math.isclose(observation.dt, dt, rel_tol=1e-3):
             raise PredictorError(

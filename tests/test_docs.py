@@ -43,9 +43,10 @@ def test_tables_of_a_benchmark_are_made_from_the_stored_runs(name):
     assert all(table.markdown() in tables for table in pages.everything(results))
 
 
-def test_table_of_the_readme_is_made_from_the_stored_runs():
-    shown = README.read_text().split("<!-- results: style -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
-    assert shown == "\n\n".join(table.markdown(heading=0) for table in pages.short(stored("style")))
+@pytest.mark.parametrize("name", ["style", "places"])
+def test_tables_of_the_readme_are_made_from_the_stored_runs(name):
+    shown = README.read_text().split(f"<!-- results: {name} -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
+    assert shown == "\n\n".join(table.markdown(heading=0) for table in pages.short(stored(name)))
 
 
 def test_claims_are_made_from_the_stored_runs():

@@ -21,6 +21,7 @@ from motion_gym.contract import SpecError
 
 BENCHMARKS: Mapping[str, str] = {
     "spurious": "motion_gym.benchmarks.definitions.places:SPURIOUS",
+    "places": "motion_gym.benchmarks.definitions.places:UNSEEN",
     "original": "motion_gym.benchmarks.definitions.places:ORIGINAL",
     "style": "motion_gym.benchmarks.definitions.styles:STYLE",
     "crowd": "motion_gym.benchmarks.definitions.styles:CROWD",

@@ -75,7 +75,7 @@ def adapt(
         raise SpecError("No domain was named: add --stream orca:d=0.3 --stream orca:d=0.6.")
     check_options(labels, scope, realtime, cost)
     played = stream(list(on), kind, frames, cycles=cycles, seed=seed, split=split)
-    source = ready(predictor, played.domains[0], seed)
+    source = ready(predictor, played.domains[0], seed, played.domains[1:])
     learners: dict[str, Any] = {BASELINE: catalog.predictor(BASELINE)}
     learners |= {row: catalog.adapter(row, source) for row in dict.fromkeys([NONE, *adapter])}
     if oracle is not None:

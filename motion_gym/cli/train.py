@@ -66,7 +66,7 @@ def train(
     checkpoint = path.with_suffix(".checkpoint")
     numbers, unit = _seeds(seeds), plan.unit
     check_writable(path.parent)
-    options = {**plan.options_of(instance.name), **({"epochs": epochs} if epochs else {})}
+    options = {**plan.options_of(instance), **({"epochs": epochs} if epochs else {})}
     with _locked(path.with_suffix(".lock")), progress_bar() as progress:
         for existing in (checkpoint, path):
             if existing.exists() and not resume:

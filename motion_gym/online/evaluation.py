@@ -93,7 +93,7 @@ def evaluate_online(
     seed = catalog.whole_number("seed", seed, 0, 2**63 - 1)
     options: dict[str, Any] = dict(labels=labels, scope=scope, realtime=realtime, cost=cost, seed=seed)
     played = on if isinstance(on, Stream) else stream(on)
-    runner = ready(copied(predictor), played.domains[0], seed)
+    runner = ready(copied(predictor), played.domains[0], seed, played.domains[1:])
     name = predictor if isinstance(predictor, str) else name_of(runner)
     if scope == "place" and hasattr(runner, "observe") and not hasattr(runner, "reset"):
         raise PredictorError(f"{name} learns (`observe`) and cannot forget: `scope=place` needs a method `reset`.")

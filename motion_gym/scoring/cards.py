@@ -71,7 +71,7 @@ def origin_of_weights(predictor: Any) -> str:
     card = getattr(predictor, "card", None)
     if not isinstance(card, Mapping) or "trained_on" not in card:
         return ""
-    name = getattr(predictor, "weights", None) or getattr(predictor, "shipped", "of this session")
+    name = getattr(predictor, "weights", None) or getattr(predictor, "chosen", "of this session")
     noise = [source["noise"] for source in card.get("sources", ()) if source.get("noise") is not None]
     return (
         f"weights {name}: trained on {', '.join(card['trained_on']) or 'places that their card does not name'}, with "

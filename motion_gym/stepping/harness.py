@@ -6,6 +6,7 @@ import contextlib
 import copy
 import functools
 import inspect
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,11 +58,12 @@ def selection_of(predictor: Any) -> str:
     return str(getattr(predictor, "selection", "does not say how its weights were selected (attribute `selection`)"))
 
 
-def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predictor:
+def ready(predictor: str | Predictor, domain: Domain, seed: int = 0, later: Sequence[Domain] = ()) -> Predictor:
     """Make a predictor ready for a domain.
 
     A predictor given by name or spec is made, and fitted to the domain's sources if it has ``fit`` and is not fitted.
-    An oracle is shown the domain. Then the predictor is reset.
+    A predictor with several sets of weights chooses one that has seen neither the domain nor the later ones. An oracle
+    is shown the domain. Then the predictor is reset.
 
     Raises:
         SpecError: The name is not known, or the domain names no sources to fit to.
@@ -76,6 +78,8 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0) -> Predicto
         if not hasattr(instance, "trained_on"):
             with contextlib.suppress(AttributeError):  # its class may have slots
                 instance.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
+    if hasattr(instance, "choose_weights"):
+        guarded(instance, "choose_weights", [domain, *later])
     if hasattr(instance, "know"):
         guarded(instance, "know", domain)
     if hasattr(instance, "reset"):

@@ -18,6 +18,9 @@ PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
 WEIGHTS = Path(__file__).parent.parent / "weights"
 """Folder of the weights that come with the package: a folder for each training, a file for each of its rows."""
 
+OTHER_PLACES = tuple(f"{name}/{place}" for name in ("spurious", "original") for place in PLACES)
+"""Names of weights that were trained on all places but one: the place in the name, except for ``spurious``, eth."""
+
 JOINT: Mapping[str, Any] = {"epochs": (40, 30, 30), "joint": True}
 """Options of ``fit`` of the STGAT family; ``trainings`` says why."""
 
@@ -29,7 +32,7 @@ class Training:
     Attributes:
         domain: The test domain; predictors are trained on its sources.
         sources: Options of the domain's ``sources``.
-        options: Options of ``fit`` for all predictors.
+        options: Options of ``fit`` for the predictors whose training program takes all of them.
         further: Further options of ``fit``, by the name of a predictor.
     """
 
@@ -38,9 +41,10 @@ class Training:
     options: Mapping[str, Any] = field(default_factory=dict)
     further: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def options_of(self, predictor: str) -> dict[str, Any]:
+    def options_of(self, predictor: Any) -> dict[str, Any]:
         """Options of ``fit`` for a predictor."""
-        return {**self.options, **self.further.get(predictor, {})}
+        common = self.options if self.options.keys() <= _options_of_program(predictor).keys() else {}
+        return {**common, **self.further.get(predictor.name, {})}
 
     @property
     def unit(self) -> str:
@@ -83,11 +87,14 @@ def trainings() -> dict[str, Training]:
     plans["paper/eth"] = Training("eth:alpha=1", recordings, {"epochs": (150, 100, 150)})
     joined = {"epochs": (300, 200, 300), "joint": True, "scenes": 16 * 7, "until": "shortest"}
     plans["paper/hotel"] = Training("hotel", recordings, joined)
-    plans["style"] = Training("orca:d=0.4")
+    # Simulated tracks have no noise.
+    exact = {"kalman_residual": {"noise": 0.0, "scale": 0.0}}
+    plans["style"] = Training("orca:d=0.4", further=exact)
     plans["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
-    plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint})
+    plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint, **exact})
     plans["style/blind"] = Training("orca:d=0.4,radius=7")
     plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
+    plans["original/all"] = Training("eth", {"by": "nothing"}, joint)
     # For streams: weights of other domains than the streamed ones, and oracles of the streamed ones.
     plans["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
     plans |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}

@@ -64,20 +64,31 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     Raises:
         PredictorError: a file is missing or damaged.
     """
-    try:
-        content = path.read_bytes()
-        text = path.with_suffix(".json").read_bytes()
-    except OSError as error:
-        reason = "There is no file" if isinstance(error, FileNotFoundError) else f"{error.strerror}:"
-        raise PredictorError(f"{reason} {error.filename}: weights are a .safetensors and a .json.") from None
+    content, card = _content(path), read_card(path)
     try:
         tensors = {name: value.float() for name, value in load_safetensors(content).items()}
     except Exception as error:  # safetensors raises its own types
         raise PredictorError(f"{path} cannot be read, it is damaged or no safetensors file: {error}.") from None
-    card = _checked_card(path.with_suffix(".json"), text)
     if card.get("sha256") != digest(content):
         raise PredictorError(f"{path} and its card, .json, do not belong together: copy or train both again.")
     return tensors, card
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """The card of a file of weights.
+
+    Raises:
+        PredictorError: it is missing or damaged.
+    """
+    return _checked_card(path.with_suffix(".json"), _content(path.with_suffix(".json")))
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        reason = "There is no file" if isinstance(error, FileNotFoundError) else f"{error.strerror}:"
+        raise PredictorError(f"{reason} {error.filename}: weights are a .safetensors and a .json.") from None
 
 
 def _checked_card(path: Path, text: bytes) -> dict[str, Any]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
 from motion_gym import catalog
-from motion_gym.contract import Forecast, Observation, SpecError, Truth
+from motion_gym.contract import Domain, Forecast, Observation, SpecError, Truth
 from motion_gym.predictors.settings import check_settings, name_of_settings
 from motion_gym.stepping.harness import ask, name_of, selection_of
 
@@ -65,6 +66,11 @@ class Around:
     def selection(self) -> str:
         """How the weights were selected."""
         return selection_of(self.inner)
+
+    def choose_weights(self, domains: Sequence[Domain]) -> None:
+        """Let the wrapped predictor choose its weights, if it has several sets."""
+        if hasattr(self.inner, "choose_weights"):
+            self.inner.choose_weights(domains)
 
     def observe(self, truth: Truth) -> None:
         """Read the style from scenes whose 20 steps are all known."""

@@ -52,7 +52,8 @@ class LastLayer:
     Attributes:
         inputs: [R, C] float64; the last column is 1, for the bias.
         weight: [C, O] float64, of the trained predictor; O = 24 A / R.
-        last: [A, 1, 2] float64, last observed positions, metres, world frame.
+        last: [A, 1 or 12, 2] float64, positions that the vectors start from, metres, world frame: the last observed
+            ones, or those of a simpler forecast.
         turn: [A, 2, 2] matrices that turn world row vectors into the frame of the outputs; None for the world frame.
         moves: Whether the vectors are displacements from step to step instead of offsets from ``last``.
     """
@@ -97,7 +98,7 @@ class LastLayer:
 
     def by_step(self, values: np.ndarray) -> np.ndarray:
         """Values [R] of the rows, repeated for the agents and steps of each row: [A, 12]."""
-        return np.repeat(values, self.last.size // 2 * FUTURE // max(len(values), 1)).reshape(-1, FUTURE)
+        return np.repeat(values, len(self.last) * FUTURE // max(len(values), 1)).reshape(-1, FUTURE)
 
 
 def with_bias_input(inputs: np.ndarray) -> np.ndarray:
@@ -124,7 +125,7 @@ def tunable(predictor: Any, parts: str) -> list[str]:
     if not isinstance(predictor, Tunable):
         raise PredictorError(
             f"{name} has no weights that gradients reach (`tensors`, `parts`, `offsets`): use one of the STGAT or "
-            "modular family, such as erm or modular_invariant; `linear` is adapted by kalman."
+            "modular family, such as erm or modular_invariant, or kalman_residual; `linear` is adapted by kalman."
         )
     one_of("parts", parts, {"all", "style", "modulator", "last_layer", *predictor.parts})
     if parts not in predictor.parts:

@@ -121,7 +121,7 @@ def test_shipped_weights_forecast_better_than_standing_still(path, eth_ucy):
         assert used == [digest(truth) for truth in first]
         assert all(len(part.future) in (len(truth.future), 18_000) for part, truth in zip(first, truths, strict=True))
     assert card["trained_on"] == plan.names()
-    for name, value in plan.options_of(card["predictor"]).items():
+    for name, value in plan.options_of(catalog.predictor(card["predictor"])).items():
         assert card["training"][name] == (list(value) if name == "epochs" else value)
     still = [score(StandStill().predict(truth.observation), truth)["ADE"] for truth in validation]
     assert max(card["validation_ade"]) < 0.6 * np.concatenate(still).mean()

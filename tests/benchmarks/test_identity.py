@@ -15,7 +15,8 @@ LEARNED = (
 )
 SETTINGS = {
     "constant_velocity": (1, "velocity='last'"),
-    "kalman_velocity": (1, "q=None, r=None, select='mixture'"),
+    "kalman_velocity": (2, "q=None, r=None, select='mixture'"),
+    "kalman_residual": (1, "weights=None, seed=None, bank=True, neighbours=True, heading=True"),
     "stand_still": (1, ""),
     "linear": (1, "sigma=False, ridge=1.0"),
     "erm": (1, "weights=None, seed=None, sigma=True, counterfactual=False"),

@@ -89,9 +89,10 @@ def test_a_forecast_does_not_depend_on_the_batch(name, truth, random):
 
 @each
 @pytest.mark.parametrize("samples", [1, 20])
-def test_forecasts_have_one_float32_sample(name, samples):
+def test_forecasts_have_float32_samples(name, samples):
     answer = EQUIVARIANT[name].predict(TRAINING[0].observation, samples, seed=3)
-    assert answer.positions.shape == (len(TRAINING[0].observation), 1, 12, 2)
+    drawn = samples if name.startswith("kalman_velocity") else 1  # the others are deterministic
+    assert answer.positions.shape == (len(TRAINING[0].observation), drawn, 12, 2)
     assert answer.positions.dtype == np.float32
 
 
@@ -229,15 +230,41 @@ def test_filters_equal_the_textbook_filter(dt):
     rng = np.random.default_rng(0)
     xy = np.cumsum(rng.normal(0.3, 0.1, (3, 8, 2)), axis=1)
     q, r = np.array([0.3, 0.01]), np.array([0.002, 0.05])
-    position, velocity, likelihood = filtered(xy, dt, q, r)
+    bank = filtered(xy, dt, q, r)
     for number in range(2):
         for agent in range(3):
             axes = [filter_by_definition(xy[agent, :, axis], dt, q[number], r[number]) for axis in range(2)]
             # The flat prior of the textbook filter has a variance of 1e6 against less than 1 here.
-            np.testing.assert_allclose(position[number, agent], [state[0] for state, _ in axes], atol=1e-5)
-            np.testing.assert_allclose(velocity[number, agent], [state[1] for state, _ in axes], atol=1e-4)
+            np.testing.assert_allclose(bank.position[number, agent], [state[0] for state, _ in axes], atol=1e-5)
+            np.testing.assert_allclose(bank.velocity[number, agent], [state[1] for state, _ in axes], atol=1e-4)
             total = sum(value for _, value in axes) + 6 * np.log(2 * np.pi)
-            assert likelihood[number, agent] == pytest.approx(total, abs=1e-3)
+            assert bank.likelihood[number, agent] == pytest.approx(total, abs=1e-3)
+
+
+@pytest.mark.parametrize(("q", "r"), [(0.3, 0.002), (0.001, 0.05)])
+def test_samples_of_a_filter_have_its_predicted_mean_and_variance(q, r):
+    here, dt = TRAINING[0].observation, TRAINING[0].observation.dt
+    here = dataclasses.replace(here, history=here.history[:2], scene=np.array([0, 2]), agent=here.agent[:2])
+    positions = motion_gym.predictor("kalman_velocity", q=q, r=r).predict(here, samples=4001, seed=1).positions
+    bank = filtered(here.xy.astype(np.float64), dt, np.array([q]), np.array([r]))
+    covariance, transition, effect = bank.covariance[0], np.array([[1, dt], [0, 1]]), np.array([dt**2 / 2, dt])
+    for step in range(12):
+        covariance = transition @ covariance @ transition.T + q * np.outer(effect, effect)
+        drawn = positions[:, 1:, step]
+        np.testing.assert_allclose(drawn.var(axis=1), covariance[0, 0], rtol=0.12)  # five standard errors
+        atol = 5 * np.sqrt(covariance[0, 0] / 4000)
+        np.testing.assert_allclose(drawn.mean(axis=1), positions[:, 0, step], atol=atol)
+
+
+def test_samples_of_the_mixture_take_the_filters_by_their_weights():
+    here = TRAINING[0].observation
+    one = motion_gym.predictor("kalman_velocity")
+    few, many = one.predict(here, samples=3, seed=2).positions, one.predict(here, samples=400, seed=2).positions
+    np.testing.assert_array_equal(few, many[:, :3])
+    np.testing.assert_array_equal(few[:, :1], one.predict(here).positions)
+    spread = many[:, 1:].std(axis=1)[:, -1].mean(axis=-1)
+    off = np.linalg.norm(many[:, 1:, -1].mean(axis=1) - few[:, 0, -1], axis=-1)
+    assert (off < 0.4 * spread + 1e-3).all()
 
 
 def test_the_mixture_weights_filters_by_the_likelihood_of_each_agent():
@@ -247,7 +274,7 @@ def test_the_mixture_weights_filters_by_the_likelihood_of_each_agent():
         for r in MEASUREMENT:
             one = motion_gym.predictor("kalman_velocity", q=float(q), r=float(r))
             forecasts.append(one.predict(here).positions[:, 0].astype(np.float64))
-            weights.append(filtered(here.xy.astype(np.float64), here.dt, np.array([q]), np.array([r]))[2][0])
+            weights.append(filtered(here.xy.astype(np.float64), here.dt, np.array([q]), np.array([r])).likelihood[0])
     weights = np.exp(np.array(weights) - np.max(weights, axis=0))
     expected = np.einsum("ga,gatc->atc", weights / weights.sum(axis=0), np.array(forecasts))
     # Forecasts of single filters are rounded to float32.

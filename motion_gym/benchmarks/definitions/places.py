@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from motion_gym.benchmarks.objects import FILTERS, SAMPLES, Benchmark, Drawing, Part, Study, weighted
+from typing import Any
+
+from motion_gym.benchmarks.objects import FILTERS, SAMPLES, SEEDS, Benchmark, Drawing, Part, Study, weighted
 from motion_gym.benchmarks.published import ALPHAS, ORIGINAL_WEIGHTS, PAPER, as_released
 from motion_gym.training.plans import PLACES
 
@@ -118,6 +120,56 @@ ORIGINAL = Benchmark(
         "motion_gym.benchmarks.reports.published_tables:original",
         "motion_gym.benchmarks.reports.published_tables:original_hotel",
     ),
+    short=(),
+)
+
+FORECASTER = "kalman_residual"
+LEFT_OUT = {"eth": "eth", "eth6": "eth", **{place: place for place in PLACES[1:]}}
+"""Place that the weights have not seen, by test place; ``eth6`` is eth at its true rate."""
+PLANS = {place: f"original/{plan}" for place, plan in LEFT_OUT.items()}
+VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
+    "as shipped": {},
+    "without the filters": {"settings": {"bank": False}},
+    "without neighbours": {"settings": {"neighbours": False}},
+    "without the frame of the agent": {"settings": {"heading": False}},
+    "without noise in training": {"options": {"noise": 0.0}},
+    "without scaling in training": {"options": {"scale": 0.0}},
+    "squared loss": {"options": {"squared": True}},
+}
+"""Settings of the predictor and options of its training, by variant of the ablation."""
+
+UNSEEN = Benchmark(
+    "places",
+    "Real places that were not trained on: filters, and forecasters trained at the other places",
+    tuple(
+        Part(
+            f"Trained on the other places, tested on {place}",
+            {place: place},
+            (*FILTERS, "linear"),
+            ("erm_no_sigma", FORECASTER),
+            plan,
+        )
+        for place, plan in PLANS.items()
+    ),
+    studies=(
+        Study(
+            "against_filters",
+            "motion_gym.benchmarks.forecaster_study:against_filters",
+            "motion_gym.benchmarks.reports.study_tables:against_filters",
+            arguments={"row": FORECASTER, "places": PLANS, "filters": FILTERS, "seeds": SEEDS},
+            uses=(*FILTERS, *(weighted((FORECASTER,), plan)[0] for plan in dict.fromkeys(PLANS.values()))),
+            reads=tuple(PLANS),
+        ),
+        Study(
+            "ablations",
+            "motion_gym.benchmarks.forecaster_study:ablations",
+            "motion_gym.benchmarks.reports.study_tables:ablations",
+            arguments={"row": FORECASTER, "places": PLANS, "variants": VARIANTS, "seeds": SEEDS},
+            uses=(FORECASTER,),
+            reads=tuple(PLANS),
+        ),
+    ),
+    tables=("motion_gym.benchmarks.reports.published_tables:by_place",),
     short=(),
 )
 

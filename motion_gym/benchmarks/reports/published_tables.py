@@ -47,7 +47,11 @@ def spurious(parts: Parts) -> Table:
 
 def original(parts: Parts) -> Table:
     """Errors without the noise feature: a column for each test place."""
-    parts = [(part, results) for part, results in parts if part.weights.startswith("original/")]
+    return by_place([(part, results) for part, results in parts if part.weights.startswith("original/")])
+
+
+def by_place(parts: Parts) -> Table:
+    """Errors with a column for the place of each part, whose weights were trained on the other places."""
     places = [next(iter(part.domains)) for part, _ in parts]
     tables = [[over_seeds(part, results, metric) for metric in ("ADE", "FDE")] for part, results in parts]
     rows = [
@@ -58,7 +62,7 @@ def original(parts: Parts) -> Table:
     notes = [f"protocol {parts[0][0].protocol}; {measured(everything)}; {SEEDS}"]
     notes += [f"{place}: {scored(results)}" for place, (_, results) in zip(places, parts, strict=True)]
     notes += dict.fromkeys(note for part, results in parts for note in further_notes(part, results))
-    title = "Original ETH-UCY, no noise feature, trained on the other four places"
+    title = "Original ETH-UCY, no noise feature, trained on the other places"
     return Table(title, ["method", *places], rows, notes, f"ADE / FDE, {unit_of(everything)}, k = 1")
 
 

@@ -113,6 +113,17 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
             ["erm"], ["counterfactual"], ["64"]
         ),
     },
+    "places": {
+        "kalman_residual has a lower error than constant velocity at every place": _lower(
+            ["kalman_residual"], ["constant_velocity"], panel=""
+        ),
+        "kalman_residual has a lower error than kalman_velocity at every place": _lower(
+            ["kalman_residual"], ["kalman_velocity"], panel=""
+        ),
+        "erm_no_sigma has a higher mean error than constant velocity at every place but eth": _mean(
+            ["constant_velocity"], ["erm_no_sigma"], ["eth6", "hotel", "univ", "zara1", "zara2"], panel=""
+        ),
+    },
     "original": {
         "Everywhere but at eth constant velocity is better than all networks": _lower(
             ["constant_velocity"], ORIGINAL, PLACES, panel=""

@@ -69,5 +69,38 @@ def pretraining(study: Study) -> Table:
     return Table("With and without pre-training of the style encoder", columns, rows, [_steps(study)], caption)
 
 
+def against_filters(study: Study) -> Table:
+    """A forecaster against filters at each place; see ``forecaster_study.against_filters``."""
+    chosen = "; ".join(f"{place}: {name}" for place, name in study["chosen"].items())
+    caption = (
+        f"ADE, {study['unit']}, k = 1, mean ± standard error over seeds. In brackets: the ADE of `{study['row']}` "
+        "minus that of the row, paired, with its 95 % interval over whole agents and seeds. The filter chosen on the "
+        f"sources is the best one at the other places ({chosen})."
+    )
+    return _by_place("A forecaster against filters, at places it was not trained on", study, caption)
+
+
+def ablations(study: Study) -> Table:
+    """Variants of a forecaster, each trained anew; see ``forecaster_study.ablations``."""
+    caption = (
+        f"ADE, {study['unit']}, k = 1, mean ± standard error over seeds. In brackets: the ADE of the variant minus "
+        f"that of `{study['row']}` as shipped, paired, with its 95 % interval over whole agents and seeds."
+    )
+    return _by_place("What the parts of the forecaster contribute", study, caption)
+
+
+def _by_place(title: str, study: Study, caption: str) -> Table:
+    places = study["places"]
+    rows = []
+    for row in next(iter(places.values())):
+        cells = []
+        for by_row in places.values():
+            mean, low, high = by_row[row]["difference"]
+            same = mean == low == high == 0
+            cells.append(spread(by_row[row]["ade"]) + ("" if same else f" ({mean:+.3f}, {low:+.3f} to {high:+.3f})"))
+        rows.append([Code(row) if ":" in row or "_" in row else row, *cells])
+    return Table(title, ["row", *places], rows, [_steps(study)], caption)
+
+
 def _steps(study: Study) -> str:
     return f"unit {study['unit']}, dt {study['dt']:g} s, horizon {FUTURE * study['dt']:g} s"
