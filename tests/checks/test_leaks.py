@@ -12,18 +12,21 @@ from motion_gym.contract import SpecError
 from motion_gym.envs.orca import Orca
 from motion_gym.predictors.linear import Linear
 from motion_gym.stepping.stream_clock import StreamClock
+from tests import traffic
 from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
 from tests.walks import walks_file
 
-SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}}
+SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}, "highway": traffic.SMALL}
 ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
 
 
 @pytest.fixture
 def data(request):
     """Skip a place whose recordings are not on this computer."""
-    if not request.node.callspec.params["domain"].startswith("orca"):
+    if request.node.callspec.params["domain"] == "highway":
+        traffic.needs_highway_env()
+    elif not request.node.callspec.params["domain"].startswith("orca"):
         request.getfixturevalue("eth_ucy")
 
 

@@ -1,0 +1,12 @@
+"""A traffic domain that is simulated in a second."""
+
+import pytest
+
+SMALL = {"scenario": "roundabout", "runs": 1, "seconds": 12.0, "stride": 1}
+"""Arguments of ``highway``."""
+SPEC = "highway:" + ",".join(f"{name}={value}" for name, value in SMALL.items())
+
+
+def needs_highway_env():
+    """Skip a test where highway-env is not installed."""
+    pytest.importorskip("highway_env", reason='highway-env is not installed: pip install "motion-gym[highway]"')
