@@ -96,7 +96,6 @@ class Highway(RecordedDomain):
     draws_each_split = True
     dt = 0.4
     engine = f"{ENGINE_VERSION}, highway-env {VERSION}"
-    min_agents = 2
 
     def __init__(
         self,
@@ -199,6 +198,16 @@ class Highway(RecordedDomain):
         crashed = ", ".join(f"{counted['crashed_agents']} in {split}" for split, counted in counts.items())
         left_out = f"; crashed vehicles left out: {crashed}" if counts else ""
         return dataclasses.replace(card, counts=counts, source=f"simulated with highway-env {VERSION}{left_out}")
+
+    def ground_lines(self) -> list[tuple[np.ndarray, bool]]:
+        """The lines of the lanes; none if highway-env is not installed, as for tracks from the cache."""
+        try:
+            check_package()
+        except SpecError:
+            return []
+        from motion_gym.envs.highway_engine.lines import lane_lines
+
+        return [(line * (1, 1 if self.side == "right" else -1), dashed) for line, dashed in lane_lines(self.scenario)]
 
     def sources(  # type: ignore[override]
         self,

@@ -2,7 +2,7 @@
 
 import pytest
 
-SMALL = {"scenario": "roundabout", "runs": 1, "seconds": 12.0, "stride": 1}
+SMALL = {"scenario": "roundabout", "runs": 1, "seconds": 20.0, "stride": 2}
 """Arguments of ``highway``."""
 SPEC = "highway:" + ",".join(f"{name}={value}" for name, value in SMALL.items())
 

@@ -6,7 +6,9 @@ import importlib.metadata
 import math
 import pickle
 
+import gymnasium
 import numpy as np
+import pettingzoo
 import pytest
 
 import motion_gym
@@ -120,6 +122,32 @@ def test_a_domain_travels_and_names_itself():
     domain = Highway("brisk", headway=1.0)
     assert pickle.loads(pickle.dumps(domain)).parameters == domain.parameters
     assert (domain.driving.headway, domain.driving.speed) == (1.0, STYLES["brisk"].speed)
+
+
+def test_environments_take_a_style_and_a_scenario():
+    needs_highway_env()
+    arguments = {**SMALL, "style": "assertive"}
+    env = gymnasium.make("motion_gym/Highway-v0", render_mode="rgb_array", **arguments)
+    assert (env.unwrapped.domain.style, env.unwrapped.domain.scenario) == ("assertive", SMALL["scenario"])
+    env.reset(seed=0)
+    assert env.render().shape == (540, 720, 3)
+    vector = gymnasium.make_vec("motion_gym/Highway-v0", num_envs=3, **arguments)
+    assert vector.reset(seed=0)[0]["history"].shape[0] == 3
+    for clock in ("windows", "stream"):
+        crowd = pettingzoo.make("parallel", "motion_gym/Highway-v0", clock=clock, **arguments)
+        observed, _ = crowd.reset(seed=0)
+        assert len(observed) > 2 and next(iter(observed.values())).shape == (8, 2)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_vehicles_drive_between_the_lines_of_the_lanes(scenario):
+    domain = make(scenario=scenario, side="left")
+    points = np.concatenate([line for line, _ in domain.ground_lines()])
+    xy = domain.recordings("test")[0].xy
+    nearest = np.linalg.norm(xy[:, None] - points, axis=-1).min(axis=1)
+    assert len(points) > 500 and nearest.max() < 10
+    assert {dashed for _, dashed in domain.ground_lines()} >= {False}
+    assert (points.max(axis=0) + 3 > xy.max(axis=0)).all() and (points.min(axis=0) - 3 < xy.min(axis=0)).all()
 
 
 def test_every_scenario_has_runs_for_every_split():
