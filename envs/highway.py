@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.contract import HISTORY, WINDOW, Card, Recording, SpecError
+from motion_gym.contract import FUTURE, HISTORY, WINDOW, Card, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.storage import cached_arrays
 from motion_gym.envs.highway_engine.package import ENGINE_VERSION, VERSION, check_package
@@ -87,6 +87,7 @@ class Highway(RecordedDomain):
 
     name = "highway"
     terms = "free"
+    oracle = "idm_oracle"
     headline = ("style", "scenario")
     same_world = (
         *("style", "scenario", "side", *STYLE_PARAMETERS),
@@ -198,6 +199,20 @@ class Highway(RecordedDomain):
         crashed = ", ".join(f"{counted['crashed_agents']} in {split}" for split, counted in counts.items())
         left_out = f"; crashed vehicles left out: {crashed}" if counts else ""
         return dataclasses.replace(card, counts=counts, source=f"simulated with highway-env {VERSION}{left_out}")
+
+    def continued(self, history: np.ndarray) -> np.ndarray:
+        """Simulate the vehicles of a scene on: history [A, 8, 2] float64 -> [A, 12, 2], metres.
+
+        The style and the scenario are those of the domain; everything else is estimated from the history.
+
+        Raises:
+            SpecError: highway-env is not installed, or another version is.
+        """
+        check_package()
+        from motion_gym.envs.highway_engine.continuation import continued
+
+        mirror = (1, 1 if self.side == "right" else -1)
+        return continued(self.scenario, self.driving, history * mirror, FUTURE) * mirror
 
     def ground_lines(self) -> list[tuple[np.ndarray, bool]]:
         """The lines of the lanes; none if highway-env is not installed, as for tracks from the cache."""

@@ -49,6 +49,13 @@ PREDICTORS = {
         "motion_gym.predictors.kalman_velocity:KalmanVelocity",
         "constant velocity by Kalman filters, a mixture over their noise variances; needs no training",
     ),
+    "constant_acceleration": Entry(
+        "motion_gym.predictors.constant_acceleration:ConstantAcceleration",
+        "goes straight on, and its speed changes as in the last steps",
+    ),
+    "constant_turn": Entry(
+        "motion_gym.predictors.constant_turn:ConstantTurn", "keeps its speed, and turns as in the last steps"
+    ),
     "stand_still": Entry("motion_gym.predictors.stand_still:StandStill", "stays at the last position"),
     "linear": Entry(
         "motion_gym.predictors.linear:Linear", "ridge regression in the heading frame; with sigma=true it needs sigma"
@@ -110,6 +117,9 @@ PREDICTORS = {
     ),
     "orca_oracle": Entry(
         "motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA; needs whole scenes of orca"
+    ),
+    "idm_oracle": Entry(
+        "motion_gym.predictors.idm_oracle:IdmOracle", "oracle: knows the driving style and simulates; needs highway"
     ),
 }
 
