@@ -92,7 +92,7 @@ def _own_part(
     runs, last = [], time.monotonic()
     for seed in seeds:
         runs.append(simulate(scenario, style, seconds, seed))
-        if time.monotonic() - last > SECONDS_BETWEEN_LINES:
+        if time.monotonic() - last > SECONDS_BETWEEN_LINES and len(runs) < len(seeds):
             last = time.monotonic()
             share = len(runs) / len(seeds)
             print(f"{label}: {share:.0%} simulated ({processes} processes)", file=sys.stderr, flush=True)
