@@ -44,10 +44,10 @@ class Highway(RecordedDomain):
     The roads and vehicles of highway-env 1.12, stepped every 0.1 s without one of its environments. Vehicles enter at
     random times, drive and leave. All vehicles of a domain have one *style*; target speeds vary by 12 % around that of
     the style, and 15 % of the vehicles are slow. Scenarios: ``straight`` (three lanes, 600 m), ``merge`` (two lanes and
-    a ramp) and ``roundabout`` (one lane, four arms; vehicles on the circle pass first; target speeds are 35 % of those
-    on a straight road) and ``intersection`` (four arms; traffic from east and west passes first, left turns give way;
-    27 %). Vehicles that crash are removed at once, and their whole tracks are left out: the card counts
-    them. The style ``brisk`` lies between ``normal`` and ``assertive``, and ``aggressive`` beyond ``assertive``.
+    a ramp), ``roundabout`` (one lane, four arms; vehicles on the circle pass first; target speeds are 35 % of those on
+    a straight road) and ``intersection`` (four arms; traffic from east and west passes first, left turns give way;
+    27 %). Vehicles that crash are removed at once, and their whole tracks are left out: the card counts them. The style
+    ``brisk`` lies between ``normal`` and ``assertive``, and ``aggressive`` beyond ``assertive``.
 
     ## Observation
     x and y in metres, y up, the zero point in the middle of the roads. With ``motion``, heading (radians, from the

@@ -57,10 +57,11 @@ def test_traffic_drives_on_its_side_with_y_up():
 
 
 def test_splits_seeds_and_styles_differ():
-    first = make().recordings("test")[0].xy
-    others = [make().recordings("val")[0], make(seed=1).recordings("test")[0], make(headway=1.0).recordings("test")[0]]
-    assert all(not np.array_equal(first[:50], other.xy[:50]) for other in others)
-    assert np.array_equal(first, make(alpha=3).recordings("test")[0].xy)
+    first = make(seconds=8.0).recordings("test")[0].xy
+    others = [(make(seconds=8.0, **change), split) for change, split in ((dict(seed=1), "test"), ({}, "val"))]
+    others.append((make(seconds=8.0, headway=1.0), "test"))
+    assert all(not np.array_equal(first[:50], domain.recordings(split)[0].xy[:50]) for domain, split in others)
+    assert np.array_equal(first, make(seconds=8.0, alpha=3).recordings("test")[0].xy)
 
 
 def test_nothing_is_simulated_to_compare_the_people_of_splits(monkeypatch):
@@ -82,7 +83,7 @@ def test_sources_are_three_styles_on_the_straight_road():
 
 
 def test_the_card_counts_vehicles_that_crashed(fresh_cache):
-    domain = make(style="aggressive", seconds=60.0)
+    domain = make(style="aggressive", seconds=8.0, seed=3)
     agents = np.unique(domain.recordings("test")[0].agent)
     recorded, crashed = domain.simulated("test")["vehicles"][0]
     assert crashed > 0 and len(agents) == recorded - crashed

@@ -83,9 +83,14 @@ def test_the_oracle_is_better_than_constant_velocity(scenario):
     assert oracle < 0.8 * baseline
 
 
-def test_the_oracle_forecasts_mirrored_traffic_as_well():
-    right, left = (ades(("idm_oracle",), side=side) for side in ("right", "left"))
-    assert right == pytest.approx(left, abs=1e-3)
+def test_mirrored_traffic_is_continued_as_mirrored():
+    needs_highway_env()
+    right, left = (motion_gym.domain("highway", **SMALL, side=side) for side in ("right", "left"))
+    scene = right.windows("test").observation
+    history = scene.xy[: scene.scene[1]].astype(float)
+    future = right.continued(history)
+    assert future.shape == (len(history), 12, 2) and np.abs(future[:, 0] - history[:, -1]).max() < 8
+    np.testing.assert_allclose(left.continued(history * (1, -1)), future * (1, -1), atol=1e-9)
 
 
 def test_the_oracle_refuses_other_domains():
