@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.traffic import needs_highway_env
+
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 
 
@@ -63,6 +65,7 @@ def test_every_example_is_tested():
         "own_predictor.py",
         "pettingzoo_loop.py",
         "robot_loop.py",
+        "traffic.py",
         "train_ppo.py",  # tests/clients/rl
     }
 
@@ -112,6 +115,19 @@ def test_new_style(folder):
     assert plain < found["modular_invariant, 0 scenes"]
     assert found["refine, 128 scenes"] < plain and found["transfer, 128 scenes"] < plain
     assert found["refine:of=transfer, 128 scenes"] < found["transfer, 128 scenes"]
+
+
+def test_traffic(folder):
+    needs_highway_env()
+    out = python(folder, "traffic.py")
+    calm, fast = (
+        float(*found(rf"^straight, {style}: constant_velocity ADE (\d\.\d+) m", out))
+        for style in ("calm", "aggressive")
+    )
+    assert calm < fast
+    vehicles, crashed = map(int, found(r"^roundabout, normal: .*; (\d+) vehicles, (\d+) crashed", out))
+    assert vehicles > 3 and crashed == 0
+    assert (folder / "roundabout.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_own_adapter(folder):

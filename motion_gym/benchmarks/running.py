@@ -29,6 +29,8 @@ BENCHMARKS: Mapping[str, str] = {
     "refinement": "motion_gym.benchmarks.definitions.styles:REFINEMENT",
     "pretraining": "motion_gym.benchmarks.definitions.styles:PRETRAINING",
     "online": "motion_gym.benchmarks.definitions.streams:ONLINE",
+    "vehicles": "motion_gym.benchmarks.definitions.traffic:VEHICLES",
+    "vehicles_spurious": "motion_gym.benchmarks.definitions.traffic:VEHICLES_SPURIOUS",
     "baselines": "motion_gym.benchmarks.definitions.places:BASELINES",
     "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
 }

@@ -5,6 +5,7 @@ import pytest
 from motion_gym import catalog
 from motion_gym.checks import checker as checks
 from motion_gym.contract import DataError, PredictorError, SpecError
+from tests import traffic
 from tests.walks import walks_file
 
 
@@ -22,7 +23,10 @@ def test_predictors_are_accepted_on_a_domain(spec):
     "spec", [*catalog.DOMAINS, "eth:alpha=64", "eth:alpha=8,sigma=past,reference_share=0.2,stride=3"]
 )
 def test_shipped_domains_are_accepted(spec):
-    spec = {"orca": "orca:scenes=16", "tracks": f"tracks:path={walks_file()},fps=25"}.get(spec, spec)
+    if spec == "highway":
+        traffic.needs_highway_env()
+    small = {"orca": "orca:scenes=16", "tracks": f"tracks:path={walks_file()},fps=25", "highway": traffic.SPEC}
+    spec = small.get(spec, spec)
     try:
         catalog.domain(spec).windows("test")
     except DataError as error:

@@ -12,18 +12,22 @@ from motion_gym.contract import SpecError
 from motion_gym.envs.orca import Orca
 from motion_gym.predictors.linear import Linear
 from motion_gym.stepping.stream_clock import StreamClock
+from tests import traffic
 from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
 from tests.walks import walks_file
 
-SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}}
-ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
+SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}, "highway": traffic.SMALL}
+ORACLES = {"orca_oracle": ("orca", {"scenes": 10}), "idm_oracle": ("highway", traffic.SMALL)}
+"""Oracles with the domain that they know, and arguments that keep it small."""
 
 
 @pytest.fixture
 def data(request):
     """Skip a place whose recordings are not on this computer."""
-    if not request.node.callspec.params["domain"].startswith("orca"):
+    if request.node.callspec.params["domain"] == "highway":
+        traffic.needs_highway_env()
+    elif not request.node.callspec.params["domain"].startswith("orca"):
         request.getfixturevalue("eth_ucy")
 
 
@@ -47,9 +51,16 @@ def test_no_predictor_leaks(predictor, clock):
     assert not report.oracles
 
 
+def test_every_oracle_is_probed():
+    assert set(ORACLES) == {n for n, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")}
+
+
 @pytest.mark.parametrize("predictor", ORACLES)
 def test_an_oracle_is_named_and_does_not_look_ahead(predictor):
-    report = leak_probe(predictor, "orca", clock="windows", cuts=1, scenes=10)
+    domain, arguments = ORACLES[predictor]
+    if domain == "highway":
+        traffic.needs_highway_env()
+    report = leak_probe(predictor, domain, clock="windows", cuts=1, **arguments)
     assert_nothing_leaks(report)
     assert len(report.oracles) == 1 and "is told" in report.oracles[0]
 

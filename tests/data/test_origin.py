@@ -21,8 +21,8 @@ WEIGHTS = {
     **dict.fromkeys(("style_erm", "modular", "ego_erm", "ego_modular"), "style"),
     **dict.fromkeys(("erm_no_sigma", "modular_stgat"), "style/crowd"),
 }
-SPECIAL = ("transfer", "refine", "orca_oracle")
-"""Predictors that need scenes of another domain, an adapter, and one that needs scenes of ORCA."""
+SPECIAL = ("transfer", "refine", "orca_oracle", "idm_oracle")
+"""Predictors that need scenes of another domain, an adapter, and oracles, which need scenes of one domain."""
 SAME_NETWORK = ("invariant", "vrex", "group_dro", "style_invariant", "modular_invariant")
 """Predictors with other weights of a tested network."""
 PREDICTORS = [name for name in catalog.PREDICTORS if name not in SPECIAL + SAME_NETWORK]

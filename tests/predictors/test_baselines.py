@@ -27,6 +27,8 @@ EQUIVARIANT = {
     "kalman_velocity": motion_gym.predictor("kalman_velocity"),
     "kalman_velocity:q=0.1,r=0.01": motion_gym.predictor("kalman_velocity:q=0.1,r=0.01"),
     "stand_still": motion_gym.predictor("stand_still"),
+    "constant_acceleration": motion_gym.predictor("constant_acceleration"),
+    "constant_turn": motion_gym.predictor("constant_turn"),
     "linear": LINEAR,
     "linear:sigma=true": motion_gym.predictor("linear:sigma=true").fit(TRAINING),
 }

@@ -9,6 +9,7 @@ from motion_gym.contract import PredictorError, SpecError
 from motion_gym.metrics.errors import error_by_horizon, metric_rows
 from motion_gym.scoring.evaluation import PAPER_BATCH, Scorecard, compare, evaluate
 from motion_gym.stepping.harness import ask
+from tests import traffic
 from tests.predictors_to_score import CROWD, PAIRS, ROUNDING, Counts, Noisy, Weighted, make
 
 
@@ -18,7 +19,9 @@ from tests.predictors_to_score import CROWD, PAIRS, ROUNDING, Counts, Noisy, Wei
 def test_stepping_the_environment_gives_the_same_scores(name, k):
     predictor = {"noisy": Noisy, "weighted": Weighted}.get(name, name)
     pairs = name in ("refine", "transfer") or name.startswith(("style_", "modular"))
-    place = PAIRS if pairs else CROWD
+    if name == "idm_oracle":
+        traffic.needs_highway_env()
+    place = PAIRS if pairs else traffic.FEW if name == "idm_oracle" else CROWD
     one, other = (evaluate(predictor, place, k=k, seed=3, through=through) for through in ("arrays", "environment"))
     assert list(one.metrics) == list(other.metrics) == [row.name for row in metric_rows(k)]
     for metric in one.metrics:
