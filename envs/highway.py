@@ -18,7 +18,7 @@ from motion_gym.specs import number, one_of, whole_number
 
 RUNS = {
     "straight": {"train": 15, "val": 3, "test": 4, "reference": 2},
-    "merge": {"train": 18, "val": 3, "test": 4, "reference": 2},
+    "merge": {"train": 21, "val": 3, "test": 4, "reference": 2},
     "roundabout": {"train": 26, "val": 4, "test": 6, "reference": 2},
     "intersection": {"train": 27, "val": 4, "test": 6, "reference": 2},
 }
