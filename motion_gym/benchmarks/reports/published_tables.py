@@ -9,9 +9,11 @@ import numpy as np
 from motion_gym.benchmarks import published
 from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports.claims import Panel
-from motion_gym.benchmarks.reports.conditions import Result, measured, scored, unit_of
+from motion_gym.benchmarks.reports.conditions import Result, measured, unit_of
 from motion_gym.benchmarks.reports.seed_tables import SEEDS, Parts, further_notes, over_seeds
 from motion_gym.benchmarks.reports.table import Code, Table, number, percent, spread
+
+COUNTED = ("agent_windows", "agents", "scenes")
 
 
 def spurious(parts: Parts) -> Table:
@@ -60,7 +62,12 @@ def by_place(parts: Parts) -> Table:
     ]
     everything = [result for _, results in parts for result in results]
     notes = [f"protocol {parts[0][0].protocol}; {measured(everything)}; {SEEDS}"]
-    notes += [f"{place}: {scored(results)}" for place, (_, results) in zip(places, parts, strict=True)]
+    who = dict.fromkeys(results[0]["scored"].split(":")[0] for _, results in parts)
+    counts = [
+        f"{place} {' / '.join(str(results[0]['metrics']['ADE'][name]) for name in COUNTED)}"
+        for place, (_, results) in zip(places, parts, strict=True)
+    ]
+    notes += [f"means over {'; or '.join(who)}; agent-windows / agents / scenes: {', '.join(counts)}"]
     notes += dict.fromkeys(note for part, results in parts for note in further_notes(part, results))
     title = "Original ETH-UCY, no noise feature, trained on the other places"
     return Table(title, ["method", *places], rows, notes, f"ADE / FDE, {unit_of(everything)}, k = 1")
