@@ -189,6 +189,19 @@ class Tracks(RecordedDomain):
         self._check_windows(part, cuts)
         return cuts
 
+    def samples(self, split: str) -> list[Recording]:
+        """The samples of the files within a split, before resampling; frames are the numbers of the listed times."""
+        self.check_split(split)
+        low, high = self.edges()["train" if split == "reference" else split]
+        parts = []
+        for file in self.track_files():
+            time = (file.clock.seconds - file.resampled.seconds.min(initial=np.inf)) / self.dt
+            steps = _steps(file.recording)
+            keep = (time >= round(low * steps) + (WINDOW if low > 0 else 0)) & (time < round(high * steps))
+            frame = np.unique(file.clock.seconds, return_inverse=True)[1].reshape(-1)
+            parts.append(Recording(frame[keep], file.agent[keep], file.xy[keep], self.dt, file.recording.name))
+        return parts
+
     def _check_windows(self, part: str, cuts: Sequence[Recording]) -> None:
         """Raise DataError if a part has no window, with counts of what it has."""
         tracks = [Cut.of(recording) for recording in cuts]
