@@ -21,7 +21,7 @@ NAMES = {
 }  # fmt: skip
 """Units of time by how many are a second."""
 UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
-DAY = "times of the day"
+TIMES_OF_DAY = "times of the day"
 FRACTIONS = "seconds, as they are not whole numbers"
 TIME = "seconds, as times with fractions are"
 SINCE_1970 = "seconds since 1970"
@@ -81,8 +81,8 @@ def read_times(table: Table, column: int) -> RawTimes:
         DataError: a value is missing or is neither a number nor a date.
     """
     if table.is_dates(column):
-        clock = all("-" not in text and "/" not in text for text in table.texts(column)[:1])
-        how = DAY if clock else "dates and times"
+        first = str(table.columns[column][0])
+        how = "dates and times" if "-" in first or "/" in first else TIMES_OF_DAY
         return RawTimes(microseconds(table, column), 1e6, how, said=f"{table.title(column)} holds {how}")
     role = role_of(table.names[column]) if table.names else None
     refuse_thousands(table, column, counts=role == "frame")
@@ -101,10 +101,10 @@ def read_times(table: Table, column: int) -> RawTimes:
         remedy = f"Give fps, how many of the unit are a second; or write one of {', '.join(UNITS)} in the brackets."
         return RawTimes(values, None, f"times in `{word}`", f"The unit `{word}` in the header is not known. {remedy}")
     form = clock_form(values)
-    if form and whole is None:
+    if form and (whole is None or role == "time"):
         raise DataError(f"{table.path}: {table.title(column)} {form}")
     if form:
-        return RawTimes(whole, None, "frame numbers", f"{table.title(column)} {form}")
+        return RawTimes(values, None, "frame numbers", f"{table.title(column)} {form}")
     unit = _epoch_unit(values)
     if unit:
         what = f"look like {EPOCH[unit]} since 1970"

@@ -49,7 +49,7 @@ def clock_form(values: np.ndarray) -> str:
     apart = np.diff(listed)
     new_minute = np.diff(listed // 100) > 0
     sixty = (listed % 100 < 60).all() and (listed // 100 % 100 < 60).all()
-    jumps = new_minute & (listed[:-1] % 100 >= 50) & (listed[1:] % 100 < 10) & (apart > 40)
+    jumps = new_minute & (apart > 40) & (apart <= 40 + 2 * np.median(apart)) if len(apart) else new_minute
     if not sixty or not jumps.any() or 2 * jumps.sum() < new_minute.sum():
         return ""
     before, after = (f"{listed[jumps.argmax() + next_one]:.10g}" for next_one in (0, 1))

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
-from motion_gym.data.frame_times import Clock, RawTimes, clock_of, read_times, usual_distance
+from motion_gym.data.dates import past_midnight
+from motion_gym.data.frame_times import TIMES_OF_DAY, Clock, RawTimes, clock_of, read_times, usual_distance
+from motion_gym.data.number_forms import refuse_thousands
 from motion_gym.data.resampling import Resampled, resample
 from motion_gym.data.swapped_columns import swap_evidence
 from motion_gym.data.table_files import read_table
@@ -166,6 +168,8 @@ class _Part:
         table = read_table(path)
         timed = reading.fps is not None or reading.dt is not None
         columns = find_columns(table, reading.columns, timed)
+        for column in (columns.x, columns.y):
+            refuse_thousands(table, column)
         xy = np.column_stack([table.numbers(columns.x), table.numbers(columns.y)])
         if np.isinf(xy).any():
             row = int(np.isinf(xy).any(axis=1).argmax())
@@ -225,6 +229,8 @@ def _recording(parts: Sequence[_Part], reading: Reading) -> TrackFile:
     lines = np.concatenate([part.table.lines[part.lines] for part in parts])
     file = np.repeat(np.arange(len(parts)), [len(part.agent) for part in parts])
     values = np.concatenate([part.times.values for part in parts])
+    if first.times.how == TIMES_OF_DAY:
+        values = past_midnight(values)
     rows = np.concatenate([part.lines for part in parts])
     _refuse_duplicates(parts, file, rows, values, agent, names)
     swapped = ""

@@ -90,7 +90,7 @@ def test_missing_files_folders_and_other_types(tmp_path):
         read_table(tmp_path / "none.csv")
     with pytest.raises(DataError, match=r"is a folder\. Give a file, or a pattern"):
         read_table(tmp_path)
-    with pytest.raises(DataError, match="cannot be read|there is no file"):  # by the version of Python
+    with pytest.raises(DataError, match=r"cannot be read|there is no file"):  # by the version of Python
         read_table(str(tmp_path / "a\0b"))
     with pytest.raises(SpecError, match="quote it in a spec"):
         read_table(2024)
