@@ -60,7 +60,7 @@ class Tracks(RecordedDomain):
         unit: Unit of the file: m, cm, mm, km, ft, in, yd or px.
         scale: What positions are multiplied by before the unit is converted: metres per pixel for px.
         step: Seconds per step that tracks are resampled to.
-        gap: Longest time, in seconds, from an agent's last sample to a point that is extrapolated from it; by default
+        gap: Longest time, in seconds, between two samples of an agent that is bridged, at most 20 steps; by default
             half a step, or the usual time between samples if that is longer.
         split: Shares of the time for train, val and test; by default 0.6 0.2 0.2 (0.5 0 0.5 of files shorter than 200
             steps), or 0 0 1 if sources are named.

@@ -74,7 +74,7 @@ def test_no_position_depends_on_a_later_sample():
 
 
 @pytest.mark.parametrize(
-    ("lost", "gap", "steps"), [(1, None, 0), (4, None, 1), (4, 0.8, 0), (30, None, 9), (30, 1.0, 8)]
+    ("lost", "gap", "steps"), [(1, None, 0), (4, None, 1), (4, 0.8, 0), (30, None, 9), (30, 1.0, 10)]
 )
 def test_nothing_is_filled_over_a_longer_gap(lost, gap, steps):
     frame = np.setdiff1d(np.arange(140), np.arange(70, 70 + lost))
@@ -83,6 +83,46 @@ def test_nothing_is_filled_over_a_longer_gap(lost, gap, steps):
     assert abs(missing - steps) <= 2 if steps else missing == 0
     ahead = found.seconds - frame[found.row] / 7
     assert ahead.max() <= (gap or 0.2) + 1e-9
+
+
+@pytest.mark.parametrize("gap", [None, 0.3, 5.0])
+@pytest.mark.parametrize("fps", [24.0, 25.0])
+def test_nothing_is_extrapolated_beyond_the_last_sample(fps, gap):
+    frame = np.concatenate([np.arange(0, 300), np.arange(0, 200)])
+    agent = np.repeat([0, 1], [300, 200])
+    found = resampled(frame, agent, straight(frame / fps), gap=gap, fps=fps)
+    for person, last in ((0, 299), (1, 199)):
+        assert found.seconds[agent[found.row] == person].max() <= last / fps + 0.2 + 1e-9
+
+
+@pytest.mark.parametrize(("gap", "missing"), [(None, 1), (0.4, 1), (0.8, 0), (1.0, 0)])
+def test_a_gap_is_bridged_where_rates_divide_too(gap, missing):
+    frame = np.setdiff1d(np.arange(0, 400, 10), [200])
+    xy = np.random.default_rng(0).normal(size=(39, 2)).cumsum(axis=0)
+    found = resampled(frame, np.zeros(39, int), xy, gap=gap, fps=25.0)
+    assert 40 - len(found.row) == missing
+    filled = found.seconds - frame[found.row] / 25 > 1e-6
+    np.testing.assert_allclose(found.xy[~filled], xy)
+    if not missing:
+        np.testing.assert_allclose(found.xy[filled], [2 * xy[19] - xy[18]])
+
+
+def test_a_gap_longer_than_a_window_is_refused():
+    with pytest.raises(SpecError, match=r"gap=1e\+09 s is longer than a window of 20 steps: give at most 8 s"):
+        resampled(np.arange(40), np.zeros(40, int), straight(np.arange(40)), gap=1e9, fps=24.0)
+
+
+@pytest.mark.parametrize("late", [1e-5, 1e-3])
+def test_samples_sent_twice_are_one_sample(late):
+    rng = np.random.default_rng(0)
+    once = np.cumsum(rng.uniform(0.08, 0.12, 600))
+    again = once[10::50] + late
+    times = np.concatenate([once, again])
+    xy = straight(times) + np.concatenate([np.zeros((600, 2)), np.full((12, 2), 0.01)])
+    found = resampled(times, np.zeros(612, int), xy, per_second=1)
+    expected = resampled(once, np.zeros(600, int), straight(once), per_second=1)
+    np.testing.assert_allclose(found.xy, expected.xy, atol=1e-9)
+    assert "; 12 rows less than 0.0" in found.how and "left out" not in expected.how
 
 
 def test_one_stray_row_does_not_spoil_the_grid():
