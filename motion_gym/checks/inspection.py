@@ -223,7 +223,7 @@ def _other_unit(files: Sequence[TrackFile]) -> str:
         return f"The header says {other[0]}, and unit={read} was read: say unit={other[0]}."
     unit, table = next((unit, table) for unit, table in said if unit) if other is None else other
     return (
-        f"The headers of the files say different units: {table.path.name} says {unit}, others say another unit or none, "
+        f"The headers of the files say different units: {table.path.name} says {unit}, others say another or none, "
         f"and unit={read} was read for all {len(said)} files. Read files of one unit at a time."
     )
 

@@ -155,7 +155,7 @@ def test_the_units_of_all_headers_are_compared(tmp_path):
         rows = [(f, x, y) for f, a, x, y in walk_rows(**FEW) if a == person]
         write_rows(tmp_path / f"p{person}.csv", rows, header="frame,x [ft],y [ft]" if person == 2 else "frame,x,y")
     found = inspect(str(tmp_path / "p*.csv"), fps=25, split="0 0 1")
-    assert "p2.csv says ft, others say another unit or none" in only(found, "and unit=m was read for all 3 files")
+    assert "p2.csv says ft, others say another or none" in only(found, "and unit=m was read for all 3 files")
     assert "unit=m was read: say unit=yd" in only(
         report(tmp_path, walk_rows(**FEW), "frame,id,x [yards],y [yards]", fps=25), "The"
     )

@@ -70,7 +70,9 @@ def test_a_column_that_may_be_the_id_is_named(tmp_path):
     for field in ("u-{}", "{}"):
         rows = [f"{k / 10},{field.format(k % 3)},{k}.5,1.25" for k in range(30)]
         table = table_of(tmp_path, "\n".join(["timestamp,uuid,x,y", *rows]) + "\n")
-        with pytest.raises(DataError, match="no name plainly says id, and `uuid` may be it: .* columns='FRAME X Y' if"):
+        with pytest.raises(
+            DataError, match=r"no name plainly says id, and `uuid` may be it: .* columns='FRAME X Y' if"
+        ):
             find_columns(table, None)
         assert places(find_columns(table, parse_columns("timestamp uuid x y"))) == (0, 1, 2, 3)
         assert places(find_columns(table, parse_columns("timestamp x y"))) == (0, None, 2, 3)
