@@ -193,7 +193,7 @@ class _Part:
         codes, names = _identities(table, columns)
         agent = codes[there]
         used, agent = np.unique(agent, return_inverse=True)
-        values = RawTimes(times.values[there], times.per_second, times.how, times.unknown)
+        values = RawTimes(times.values[there], times.per_second, times.how, times.unknown, times.said)
         dropped = int((~there).sum())
         return cls(table, columns, values, agent.reshape(-1), names[used], xy[there], np.flatnonzero(there), dropped)
 
@@ -256,7 +256,7 @@ def _recording(parts: Sequence[_Part], reading: Reading) -> TrackFile:
                 "probably swapped: say columns='id frame x y', or columns='1 0 2 3' with the numbers of frame, id, x "
                 "and y. To read it as it is, say columns='0 1 2 3'."
             )
-    raw = RawTimes(values, first.times.per_second, first.times.how, first.times.unknown)
+    raw = RawTimes(values, first.times.per_second, first.times.how, first.times.unknown, first.times.said)
     fps = reading.fps
     dt = reading.dt
     if fps is None and dt is None and first.table.fps:

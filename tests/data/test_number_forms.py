@@ -103,3 +103,9 @@ def test_times_of_the_day_go_on_past_midnight(tmp_path):
     assert len(file.recording.frame) == 120
     day = np.arange(0, 86_400, 60) * 10**6
     assert (past_midnight(day) == day).all() and (past_midnight(day[600:800]) == day[600:800]).all()
+
+
+def test_a_rate_for_a_file_whose_header_says_seconds_is_refused(tmp_path):
+    (tmp_path / "t.csv").write_text("time_s,id,x,y\n" + "".join(f"{k / 10},1,{k},0.5\n" for k in range(50)))
+    with pytest.raises(DataError, match=r"fps=10 contradicts the file: the header says that column 0 `time_s`"):
+        read_track_files(tmp_path / "t.csv", Reading(fps=10))
