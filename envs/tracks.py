@@ -60,7 +60,7 @@ class Tracks(RecordedDomain):
         unit: Unit of the file: m, cm, mm, km, ft, in, yd or px.
         scale: What positions are multiplied by before the unit is converted: metres per pixel for px.
         step: Seconds per step that tracks are resampled to.
-        gap: Longest time, in seconds, from an agent's last sample to a point that is extrapolated from it; by default
+        gap: Longest time, in seconds, between two samples of an agent that is bridged, at most 20 steps; by default
             half a step, or the usual time between samples if that is longer.
         split: Shares of the time for train, val and test; by default 0.6 0.2 0.2 (0.5 0 0.5 of files shorter than 200
             steps), or 0 0 1 if sources are named.
@@ -188,6 +188,19 @@ class Tracks(RecordedDomain):
                 )
         self._check_windows(part, cuts)
         return cuts
+
+    def samples(self, split: str) -> list[Recording]:
+        """The samples of the files within a split, before resampling; frames are the numbers of the listed times."""
+        self.check_split(split)
+        low, high = self.edges()["train" if split == "reference" else split]
+        parts = []
+        for file in self.track_files():
+            time = (file.clock.seconds - file.resampled.seconds.min(initial=np.inf)) / self.dt
+            steps = _steps(file.recording)
+            keep = (time >= round(low * steps) + (WINDOW if low > 0 else 0)) & (time < round(high * steps))
+            frame = np.unique(file.clock.seconds, return_inverse=True)[1].reshape(-1)
+            parts.append(Recording(frame[keep], file.agent[keep], file.xy[keep], self.dt, file.recording.name))
+        return parts
 
     def _check_windows(self, part: str, cuts: Sequence[Recording]) -> None:
         """Raise DataError if a part has no window, with counts of what it has."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,11 @@ from motion_gym import catalog
 from motion_gym.checks import track_measurements as measure
 from motion_gym.checks.track_measurements import Finding, Steps
 from motion_gym.contract import DataError, Domain, Recording, SpecError
+from motion_gym.data.column_names import FLAGS, plain_name
 from motion_gym.data.domains import spec_of
-from motion_gym.data.track_files import TrackFile, units_in_header, usual_frames
+from motion_gym.data.storage import digest
+from motion_gym.data.tables import Table
+from motion_gym.data.track_files import TrackFile, units_in_headers, usual_frames
 from motion_gym.data.windows import counts
 from motion_gym.scoring.cards import is_shipped
 
@@ -160,12 +164,7 @@ def _of_files(files: Sequence[TrackFile]) -> list[Finding]:
     header = f"header {', '.join(table.names)}" if table.names else f"no header, {len(table.columns)} columns"
     shape = f"{len(files)} {'recordings' if len(files) > 1 else 'recording'} of {len(tables)} files"
     people = "of one person each, put together" if len(first.tables) > 1 else "each a recording of its own"
-    unit, reading = units_in_header(first), first.reading
-    said_other = (
-        f"The header says {unit}, and unit={reading.unit} was read: say unit={unit}."
-        if unit and unit != reading.unit
-        else ""
-    )
+    reading = first.reading
     scaled = f", times {reading.scale:g}" if reading.scale is not None else ""
     constant = [table.title(c) for c in range(len(table.columns)) if _constant(table.columns[c])]
     off = np.concatenate([file.resampled.irregular for file in files])
@@ -207,8 +206,65 @@ def _of_files(files: Sequence[TrackFile]) -> list[Finding]:
         Finding("time", first.clock.how, first.clock.how + (f" (comment: {rate[0]})" if rate else "")),
         Finding("steps", first.resampled.how, first.resampled.how),
         Finding("irregular frames", len(off), f"{len(off)} rows" if len(off) else "none", irregular),
-        Finding("unit", reading.unit, f"{reading.unit}{scaled}, read as {reading.domain_unit}", said_other),
+        Finding("unit", reading.unit, f"{reading.unit}{scaled}, read as {reading.domain_unit}",
+                _other_unit(files)),
+        *_flags(files), *_twins(tables),
     ]  # fmt: skip
+
+
+def _other_unit(files: Sequence[TrackFile]) -> str:
+    """A warning if a header says another unit than was read, or the headers of several files differ."""
+    read = files[0].reading.unit
+    said = [(unit, table) for file in files for unit, table in zip(units_in_headers(file), file.tables, strict=True)]
+    other = next(((unit, table) for unit, table in said if unit and unit != read), None)
+    if other is None and len({unit for unit, _ in said}) < 2:
+        return ""
+    if len({unit for unit, _ in said}) < 2 and other:
+        return f"The header says {other[0]}, and unit={read} was read: say unit={other[0]}."
+    unit, table = next((unit, table) for unit, table in said if unit) if other is None else other
+    return (
+        f"The headers of the files say different units: {table.path.name} says {unit}, others say another or none, "
+        f"and unit={read} was read for all {len(said)} files. Read files of one unit at a time."
+    )
+
+
+def _flagged_rows(file: TrackFile) -> dict[str, int]:
+    """Number of rows whose position was not seen, by the column that marks them."""
+    found: dict[str, int] = {}
+    for table in file.tables:
+        for column, name in enumerate(table.names or ()):
+            unseen = FLAGS.get(plain_name(name)[0])
+            if unseen is None:
+                continue
+            words = ("1", "1.0", "true", "yes") if unseen else ("0", "0.0", "false", "no")
+            count = sum(str(text).lower() in words for text in table.texts(column))
+            if count:
+                found[name] = found.get(name, 0) + count
+    return found
+
+
+def _flags(files: Sequence[TrackFile]) -> list[Finding]:
+    """Columns that mark positions that were not seen."""
+    found: Counter[str] = Counter()
+    for file in files:
+        found.update(_flagged_rows(file))
+    told = ", ".join(f"{count} rows by `{name}`" for name, count in found.items())
+    warning = f"Positions are marked as not seen and are used: {told}. Delete these rows, if they are guesses."
+    return [Finding("marked rows", dict(found), told, warning)] if found else []
+
+
+def _twins(tables: Sequence[Table]) -> list[Finding]:
+    """Files with the same content."""
+    first: dict[str, Table] = {}
+    for table in tables if len(tables) > 1 else ():
+        other = first.setdefault(digest(table.path.read_bytes()), table)
+        if other is not table:
+            warning = (
+                f"{table.path.name} has the same content as {other.path.name}, so that the same people count twice: "
+                "delete the copy, or give a pattern without it."
+            )
+            return [Finding("equal files", [str(other.path), str(table.path)], table.path.name, warning)]
+    return []
 
 
 def _of_domain(place: Any, recordings: Sequence[Recording]) -> list[Finding]:

@@ -292,7 +292,10 @@ def resolution(xy: np.ndarray, unit: str, step: float, file_unit: float = 1.0) -
         distinct = np.diff(np.unique(column))
         distinct = distinct[distinct > 1e-9 * largest]
         if len(distinct) > 5:
-            grid = max(grid, float(np.quantile(distinct, 0.05)))  # tiny, unless positions lie on a grid
+            nearest = float(np.quantile(distinct, 0.05))  # tiny, unless positions lie on a grid
+            off = distinct / nearest - np.rint(distinct / nearest)
+            if np.median(np.abs(off)) < 0.05:  # few rows are far apart without a grid
+                grid = max(grid, nearest)
     warning = ""
     if step and grid > COARSE * step:
         warning = (

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from motion_gym.contract import DataError
+from motion_gym.data.column_names import TIME_UNITS, role_of, time_unit
+from motion_gym.data.dates import microseconds
+from motion_gym.data.number_forms import clock_form, refuse_thousands
 from motion_gym.data.tables import Table
-from motion_gym.data.track_columns import MILLISECONDS, SECONDS, plain_name, role_of
 
 EPOCH = {1: "seconds", 1000: "milliseconds", 10**6: "microseconds", 10**9: "nanoseconds"}
 """Units of a time since 1970, by how many there are in a second."""
+NAMES = {
+    1.0: "seconds", 1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1 / 60: "minutes", 1 / 3600: "hours",
+    1 / 86400: "days",
+}  # fmt: skip
+"""Units of time by how many are a second."""
+UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
+TIMES_OF_DAY = "times of the day"
+FRACTIONS = "seconds, as they are not whole numbers"
+TIME = "seconds, as times with fractions are"
+SINCE_1970 = "seconds since 1970"
 EPOCH_YEARS = (1990, 2100)
 JITTER = 0.025
 """Timestamps that are this share of a step from a regular clock are taken to be regular."""
@@ -32,12 +43,14 @@ class RawTimes:
         per_second: How many of the values are a second, where the column itself says it: 1 for a column of seconds.
         how: What they were taken for, in words.
         unknown: Why the unit is not known and what to say, where ``per_second`` is None.
+        said: What says the unit: the name of the column in the header, or dates; empty if it is a guess.
     """
 
     values: np.ndarray
     per_second: float | None
     how: str
     unknown: str = ""
+    said: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,26 +81,38 @@ def read_times(table: Table, column: int) -> RawTimes:
         DataError: a value is missing or is neither a number nor a date.
     """
     if table.is_dates(column):
-        return RawTimes(_microseconds(table, column), 1e6, "dates and times")
+        first = str(table.columns[column][0])
+        how = "dates and times" if "-" in first or "/" in first else TIMES_OF_DAY
+        return RawTimes(microseconds(table, column), 1e6, how, said=f"{table.title(column)} holds {how}")
+    role = role_of(table.names[column]) if table.names else None
+    refuse_thousands(table, column, counts=role == "frame")
     whole = table.whole_numbers(column)
     values = table.numbers(column) if whole is None else whole
     if whole is None and not np.isfinite(values).all():
         row = int(np.argmin(np.isfinite(values)))
         table.refuse(row, f"{table.title(column)}, the frame or time, is {values[row]}", "Correct or delete the line.")
-    word = plain_name(table.names[column])[0] if table.names else ""
-    role = role_of(word) if word else None
-    if role == "time" and MILLISECONDS.search(word):
-        return RawTimes(values, 1000, "milliseconds")
-    if role == "time" and SECONDS.search(word):
-        return RawTimes(values, 1, "seconds")
+    name = table.names[column] if table.names else ""
+    word = time_unit(name)
+    if word in TIME_UNITS:
+        per_second = TIME_UNITS[word]
+        how = NAMES[per_second]
+        return RawTimes(values, per_second, how, said=f"the header says that {table.title(column)} is in {how}")
+    if word is not None:
+        remedy = f"Give fps, how many of the unit are a second; or write one of {', '.join(UNITS)} in the brackets."
+        return RawTimes(values, None, f"times in `{word}`", f"The unit `{word}` in the header is not known. {remedy}")
+    form = clock_form(values)
+    if form and (whole is None or role == "time"):
+        raise DataError(f"{table.path}: {table.title(column)} {form}")
+    if form:
+        return RawTimes(values, None, "frame numbers", f"{table.title(column)} {form}")
     unit = _epoch_unit(values)
     if unit:
         what = f"look like {EPOCH[unit]} since 1970"
         if unit == 1 and whole is None:
-            return RawTimes(values, 1, "seconds since 1970")
+            return RawTimes(values, 1, SINCE_1970)
         return RawTimes(values, None, what, f"They {what}: fps={unit}.")
     if whole is None:
-        return RawTimes(values, 1, "seconds, as they are not whole numbers")
+        return RawTimes(values, 1, TIME if role == "time" else FRACTIONS)
     named = "" if role != "time" else (
         " If they are times: fps=1 for seconds, fps=1000 for milliseconds."
     )  # fmt: skip
@@ -113,10 +138,12 @@ def clock_of(
     """
     values = raw.values - raw.values.min()
     usual = usual_distance(values, agent)
+    _refuse_two_rates(raw, usual, fps, dt, title)
     if fps is None and dt is None and raw.per_second is None:
         first = ", ".join(str(v) for v in np.unique(raw.values)[:3])
+        whole = "frames are whole numbers" if values.dtype.kind == "i" else "times are numbers without a known unit"
         raise DataError(
-            f"{title}: the frames are whole numbers ({first}, ...), which do not say how much time they count. Give "
+            f"{title}: the {whole} ({first}, ...), which do not say how much time they count. Give "
             "fps (frame numbers per second, as fps=25), or dt (seconds between consecutive listed frames, as dt=0.4)."
             f"{' ' + raw.unknown.strip() if raw.unknown else ''}{comments}"
         )
@@ -135,6 +162,26 @@ def clock_of(
         return Clock(seconds, None, 0.0, interval, f"{how}, irregular", True)
     how = f"{how}, {1 / tick:.5g} frames a second as measured"
     return Clock(seconds, ticks, tick, usual_distance(ticks, agent) * tick, how, True)
+
+
+def _refuse_two_rates(raw: RawTimes, usual: float, fps: float | None, dt: float | None, title: str) -> None:
+    """Raise DataError if ``fps`` or ``dt`` is stated of a column that says its unit itself, and says another one."""
+    per_second = raw.per_second
+    if per_second is None or not (raw.said or raw.how in (TIME, SINCE_1970)):
+        return
+    interval = usual / per_second
+    other_rate = fps is not None and (fps != per_second if raw.said else fps not in NAMES)
+    if other_rate:
+        stated = "fps"
+    elif dt is not None and abs(dt - interval) > 0.1 * dt:
+        stated = "dt"
+    else:
+        return
+    said = raw.said or "the times have fractions and no unit, so that they are in seconds"
+    raise DataError(
+        f"{title}: {stated}={fps or dt:g} contradicts the file: {said}, and rows of an agent are {interval:.4g} s "
+        f"apart. Drop {stated}, or correct the file."
+    )
 
 
 def usual_distance(values: np.ndarray, agent: np.ndarray) -> float:
@@ -181,34 +228,3 @@ def _epoch_unit(values: np.ndarray) -> int | None:
     low, high = ((year - 1970) * 365.25 * 86400.0 for year in EPOCH_YEARS)
     middle = float(np.median(values))
     return next((unit for unit in EPOCH if low * unit <= middle <= high * unit), None)
-
-
-_OFFSET = re.compile(r"(?:\s*(?:Z|UTC)|\s*([+-])(\d{2}):?(\d{2}))$", re.IGNORECASE)
-
-
-def _microseconds(table: Table, column: int) -> np.ndarray:
-    """[R] int64, microseconds, from ISO dates and times; times of the day count from midnight."""
-    fields = table.columns[column]
-    if isinstance(fields, np.ndarray) and fields.dtype.kind == "M":
-        return fields.astype("datetime64[us]").astype(np.int64)
-    texts, offsets = [], []
-    for text in table.texts(column):
-        shift = 0
-        if "-" not in text and "/" not in text:
-            text = f"1970-01-01T{text}"
-        elif (match := _OFFSET.search(text)) and ":" in text:
-            text = text[: match.start()]
-            shift = (1 if match[1] == "-" else -1) * 60 * (60 * int(match[2]) + int(match[3])) if match[1] else 0
-        texts.append(text.replace("/", "-").replace(",", ".").replace(" ", "T"))
-        offsets.append(shift)
-    try:
-        return np.array(texts, "datetime64[us]").astype(np.int64) + np.array(offsets, np.int64) * 10**6
-    except ValueError:
-        for row, text in enumerate(texts):
-            try:
-                np.datetime64(text)
-            except ValueError as error:
-                table.refuse(
-                    row, f"{table.title(column)} is no date and time ({error})", "Write it as 2024-05-31T12:00:00.400."
-                )
-        raise DataError(f"{table.path}: {table.title(column)} holds dates of several forms: write all alike.") from None

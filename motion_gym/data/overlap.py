@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,15 +11,23 @@ from motion_gym.contract import Domain, Recording
 
 SHARED_ROWS = 2
 """Rows of a person that both sets must share; one equal row may be chance, as a common starting point."""
+SHARED_SAMPLES = 0.5
+"""Share of a person's samples in a file that another file must hold; whole pixels of one frame to the next may agree
+by chance."""
 
 
-def shared_people(shown: Sequence[Recording], scored: Sequence[Recording]) -> int:
+def shared_people(shown: Sequence[Recording], scored: Sequence[Recording], share: float = 0.0) -> int:
     """Number of people of ``shown`` who are also in ``scored`` at the same time.
 
     A person is in both sets if at least two rows agree in one of two ways, to the bit: frame, agent and position; or
     two consecutive positions between which the person moves, whatever the frame numbers and ids are. This recognises a
     recording that begins later, is renumbered, or is cut differently, but not a recording that is resampled or moved;
     the ``world`` of its domain identifies the latter.
+
+    Args:
+        shown: Recordings whose people are counted.
+        scored: Recordings in which these people are searched.
+        share: Share of a person's rows that must agree, besides the two rows.
     """
     if not sum(len(recording.frame) for recording in scored) or not shown:
         return 0
@@ -30,7 +39,8 @@ def shared_people(shown: Sequence[Recording], scored: Sequence[Recording]) -> in
         own, others = (np.concatenate([keys(recording) for recording in part]) for part in (shown, scored))
         others.sort()  # np.isin takes three times as long
         shared = (others[np.searchsorted(others, own) % len(others)] == own) & (own != 0)
-        seen |= np.bincount(person[shared], minlength=len(seen)) >= SHARED_ROWS
+        rows, equal = (np.bincount(person[which], minlength=len(seen)) for which in (own != 0, shared))
+        seen |= equal >= np.maximum(SHARED_ROWS, share * rows)
     return int(seen.sum())
 
 
@@ -40,14 +50,20 @@ def trained_on_scored(trained: Domain, scored: Domain, split: str) -> bool:
     Domains of one world with different sampling cannot be compared row by row. If such a domain scores its training
     recording (``tests_on_train``), its training windows count as windows of the scored people. If all domains of the
     world draw the people of each split anew (``draws_each_split``), other splits than these two show none of them.
+    Two domains that read different files (``samples``) are compared sample by sample, before resampling.
     """
     if trained.world == scored.world:
         if getattr(type(trained), "tests_on_train", False):
             return True
         if getattr(type(trained), "draws_each_split", False) and split not in ("train", "val"):
             return False
-    target = scored.recordings(split)
-    return any(shared_people(trained.recordings(part), target) > 0 for part in ("train", "val"))
+    shown: Any = trained
+    target: Any = scored
+    if trained.world != scored.world and hasattr(trained, "samples") and hasattr(scored, "samples"):
+        samples = target.samples(split)
+        return any(shared_people(shown.samples(part), samples, SHARED_SAMPLES) > 0 for part in ("train", "val"))
+    rows = target.recordings(split)
+    return any(shared_people(shown.recordings(part), rows) > 0 for part in ("train", "val"))
 
 
 def _row_keys(recording: Recording) -> np.ndarray:

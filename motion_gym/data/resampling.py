@@ -15,6 +15,8 @@ MEASURED = 0.02
 """The same share for a rate that was measured from timestamps."""
 ENOUGH = 0.5
 """Share of the steps within the tracks that listed frames must serve; else points are extrapolated."""
+NEAR = 0.1
+"""Samples of an agent nearer in time than this share of the usual interval are one sample, sent twice."""
 PHASES = 16
 """Places of the points, within a step, that are tried on irregular timestamps."""
 
@@ -41,7 +43,7 @@ class Resampled:
 
 
 def default_gap(step: float, interval: float) -> float:
-    """Longest time, in seconds, over which a sample is extrapolated: half a step, or the usual time between samples."""
+    """Longest time, in seconds, between two samples that is bridged: half a step, or the usual time between samples."""
     return max(step / 2, 1.1 * interval)
 
 
@@ -50,19 +52,26 @@ def resample(clock: Clock, agent: np.ndarray, xy: np.ndarray, step: float, gap: 
 
     Where a step is a whole number of frames, positions are those of listed frames: every n-th one, beginning with the
     frame that serves most rows (chosen anew after each gap of 20 steps). Else each position is extrapolated linearly
-    from the last two samples at or before the point. Nothing is filled over more than ``gap`` seconds.
+    from the last two samples at or before the point. Two samples more than ``gap`` seconds apart are not bridged:
+    there are points for half a step after the first of them, as after the last sample of a track. If ``gap`` is stated,
+    points are extrapolated in both cases, which are those of listed frames where a frame is listed.
 
     Args:
         clock: When each row was observed.
         agent: [R] ids.
         xy: [R, 2] float64 positions.
         step: Seconds.
-        gap: Longest time, in seconds, from the last sample to the point; None for ``default_gap``.
+        gap: Longest time, in seconds, between two samples that is bridged; None for ``default_gap``.
         title: What the file is, for messages.
 
     Raises:
-        SpecError: the step is finer than the file.
+        SpecError: the step is finer than the file, or the gap is longer than a window.
     """
+    if gap is not None and gap > WINDOW * step:
+        raise SpecError(
+            f"{title}: gap={gap:g} s is longer than a window of {WINDOW} steps: give at most {WINDOW * step:g} s, so "
+            "that no window is filled without a sample."
+        )
     tolerance = MEASURED if clock.measured else WHOLE
     if clock.interval > step * (1 + tolerance):
         raise SpecError(
@@ -70,13 +79,18 @@ def resample(clock: Clock, agent: np.ndarray, xy: np.ndarray, step: float, gap: 
             f"Give step={clock.interval:.4g} (or more), or correct fps or dt if the file is not so slow. Predictors "
             "with weights of another step refuse such a domain."
         )
+    seconds = clock.seconds
     if clock.ticks is not None:
         stride = round(step / clock.tick)
         if stride >= 1 and abs(step / clock.tick - stride) <= tolerance * stride:
             thinned = _thinned(clock, clock.ticks, agent, xy, stride, step)
-            if thinned is not None:
+            if thinned is not None and gap is None:
                 return thinned
-    return _extrapolated(clock, agent, xy, step, default_gap(step, clock.interval) if gap is None else gap)
+            if thinned is not None:
+                seconds = clock.ticks * (step / stride)
+    return _extrapolated(
+        seconds, agent, xy, step, default_gap(step, clock.interval) if gap is None else gap, clock.interval
+    )
 
 
 def _thinned(
@@ -112,21 +126,26 @@ def _steps_within(ticks: np.ndarray, agent: np.ndarray, stride: int) -> float:
     return float(apart[apart <= WINDOW * stride].sum() / stride)
 
 
-def _extrapolated(clock: Clock, agent: np.ndarray, xy: np.ndarray, step: float, gap: float) -> Resampled:
+def _extrapolated(
+    seconds: np.ndarray, agent: np.ndarray, xy: np.ndarray, step: float, gap: float, interval: float
+) -> Resampled:
     """Points in time, each from the last two samples of the agent at or before it."""
-    order = np.lexsort((clock.seconds, agent))
-    time, who, where = clock.seconds[order], agent[order], xy[order]
+    order = np.lexsort((seconds, agent))
+    near = (np.diff(agent[order]) == 0) & (np.diff(seconds[order]) < NEAR * interval)
+    order = order[np.append(True, ~near)] if len(order) else order
+    time, who, where = seconds[order], agent[order], xy[order]
     same = np.diff(who) == 0
-    after = np.append(np.where(same, time[1:], np.inf), np.inf)
-    until = np.minimum(after, time + gap)
     slack = 1e-6 * step
+    after = np.append(np.where(same, time[1:], np.inf), np.inf)
+    bridged = after <= time + gap + slack
+    until = np.where(bridged, after, time + min(gap, step / 2))
 
     def points(phase: float) -> tuple[np.ndarray, np.ndarray]:
         """First point at or after each sample, and how many there are before the next sample or the gap."""
         first = np.ceil((time - phase - slack) / step)
         # A point on the next sample is that sample's; one at the end of the gap still counts.
         last = np.floor((until - phase + slack) / step) + 1
-        end = np.where(after <= time + gap, np.ceil((until - phase - slack) / step), last)
+        end = np.where(bridged, np.ceil((until - phase - slack) / step), last)
         return first, np.maximum(end - first, 0)
 
     def score(phase: float) -> tuple[int, float]:
@@ -143,16 +162,20 @@ def _extrapolated(clock: Clock, agent: np.ndarray, xy: np.ndarray, step: float, 
     ahead = np.maximum(number * step + phase - time[row], 0.0)
     before = np.concatenate([[np.inf], np.where(same, np.diff(time), np.inf)]) if len(time) else time
     velocity = np.zeros_like(where)
-    moving = before <= max(gap, 1e-12)
+    moving = before <= max(gap, interval) + slack
     velocity[moving] = (where[moving] - where[np.flatnonzero(moving) - 1]) / before[moving, None]
     # The velocity of a track's first sample is not known: it gives a point only where it is.
     known = moving[row] | (ahead <= slack)
     row, number, ahead = row[known], number[known], ahead[known]
     number = number - number.min(initial=0)
     how = (
-        f"points {step:g} s apart, each extrapolated linearly from the agent's last two samples at or before it, the "
-        f"last at most {gap:.3g} s before"
+        f"points {step:g} s apart, each extrapolated linearly from the agent's last two samples at or before it; "
+        f"samples more than {gap:.3g} s apart are not bridged"
     )
+    if near.any():
+        how += (
+            f"; {int(near.sum())} rows less than {NEAR * interval:.3g} s after the agent's previous row were left out"
+        )
     positions = where[row] + ahead[:, None] * velocity[row]
     seconds = time[row] + ahead
     return Resampled(number.astype(np.int64), order[row], positions, seconds, np.zeros(0, np.int64), how)

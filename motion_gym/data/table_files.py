@@ -137,13 +137,13 @@ def _text_table(path: Path, text: str, encoding: str, compression: str) -> Table
     comments = [(n, line.strip().lstrip("#% \t")) for n, line in skipped.items() if line.strip()]
     if not lines:
         raise DataError(f"{path} is empty but for comments. Expected a row for each person and frame: frame id x y.")
-    delimiter = _delimiter(path, lines)
-    first = _split(path, lines[:1], numbers, delimiter)[0][0]
+    delimiter = _delimiter(path, lines, numbers)
+    first = _split(path, lines[:1], numbers, delimiter)[0]
     names = None if any(map(_is_value, first)) else tuple(first)
     body, where = (lines, numbers) if names is None else (lines[1:], numbers[1:])
     columns: Sequence[Sequence[str] | np.ndarray] | None = _numeric_columns(body, delimiter)
     if columns is None:
-        columns, where = _text_columns(path, body, where, delimiter, complete)
+        columns = _text_columns(path, body, where, delimiter, complete)
         named = names is not None and len(names) == len(columns) and names[-1] != ""
         if len(columns) > 3 and not named and not any(columns[-1]):
             columns = columns[:-1]  # each line ends with a delimiter
@@ -186,9 +186,9 @@ def _numeric_columns(lines: Sequence[str], delimiter: str) -> Sequence[np.ndarra
 
 def _text_columns(
     path: Path, lines: Sequence[str], numbers: Sequence[int], delimiter: str, complete: bool
-) -> tuple[Sequence[list[str]], Sequence[int]]:
-    """The fields of each column, and the number of each row's line."""
-    rows, where = _split(path, lines, numbers, delimiter)
+) -> Sequence[list[str]]:
+    """The fields of each column."""
+    rows = _split(path, lines, numbers, delimiter)
     width = Counter(map(len, rows)).most_common(1)[0][0]
     bad = next((row for row, fields in enumerate(rows) if len(fields) != width), None)
     if bad is not None:
@@ -196,20 +196,21 @@ def _text_columns(
         if bad == len(rows) - 1 and not complete:
             what = f"the file ends in the middle of this line, after {len(rows[bad])} of {width} columns"
             remedy = "It was probably truncated: get it again, or delete the line."
-        shown = lines[bad] if len(rows) == len(lines) else delimiter.join(rows[bad])
-        raise DataError(f"{path}, line {where[bad]}: {what}: {short(shown)}. {remedy}")
-    return [list(column) for column in zip(*rows, strict=True)], where
+        raise DataError(f"{path}, line {numbers[bad]}: {what}: {short(lines[bad])}. {remedy}")
+    return [list(column) for column in zip(*rows, strict=True)]
 
 
-def _delimiter(path: Path, lines: Sequence[str]) -> str:
+def _delimiter(path: Path, lines: Sequence[str], numbers: Sequence[int]) -> str:
     """The delimiter of a table, from its first lines; the first one may be a header."""
-    sample = lines[1 : SAMPLE + 1] or lines
-    fallback = None
+    begin = 1 if len(lines) > 1 else 0
+    sample, where = lines[begin : SAMPLE + 1], numbers[begin : SAMPLE + 1]
+    fallback = damage = None
     for delimiter in DELIMITERS:
         try:
-            rows = _split(path, sample, range(1, len(sample) + 1), delimiter)[0]
-        except DataError:
-            continue  # a field that is far too long: this is not the delimiter
+            rows = _split(path, sample, where, delimiter)
+        except DataError as error:  # a quote that is not closed, or a field that is far too long
+            damage = error
+            continue
         (width, count), *_ = Counter(map(len, rows)).most_common(1)
         regular = [row for row in rows if len(row) == width]
         numeric = sum(sum(map(_is_value, column)) >= SHARE * count for column in zip(*regular, strict=True))
@@ -219,6 +220,8 @@ def _delimiter(path: Path, lines: Sequence[str]) -> str:
             return delimiter
         if fallback is None and 2 * count >= len(rows):
             fallback = delimiter
+    if fallback is None and damage is not None:
+        raise damage
     if fallback is None:
         raise DataError(
             f"{path} is not a table of numbers: its lines do not have three or more columns separated by tabs, "
@@ -228,27 +231,29 @@ def _delimiter(path: Path, lines: Sequence[str]) -> str:
     return fallback
 
 
-def _split(
-    path: Path, lines: Sequence[str], numbers: Sequence[int], delimiter: str
-) -> tuple[list[list[str]], Sequence[int]]:
-    """The fields of each row, and the number of its line."""
+def _split(path: Path, lines: Sequence[str], numbers: Sequence[int], delimiter: str) -> list[list[str]]:
+    """The fields of each line; DataError if a quoted field does not end in its line."""
     quoted = any('"' in line for line in lines)
     if delimiter == " " and not quoted:
-        return [line.split() for line in lines], numbers
+        return [line.split() for line in lines]
     if delimiter == " ":
         lines = [" ".join(line.split()) for line in lines]
-    rows, starts, start = [], [], 0
-    reader = csv.reader(lines, delimiter=delimiter)
+    rows: list[list[str]] = []
+    reader = csv.reader([*lines, ""], delimiter=delimiter)  # the empty line shows whether the last one is complete
     try:
         for row in reader:
             rows.append(row)
-            starts.append(start)
-            start = reader.line_num
+            if reader.line_num > len(rows):
+                raise DataError(
+                    f"{path}, line {numbers[len(rows) - 1]}: a quoted field does not end in this line: "
+                    f"{short(lines[len(rows) - 1])}. Close or delete the quote; a field must not hold a line break."
+                )
     except csv.Error as error:
-        raise DataError(f"{path}, line {numbers[start]}: {error}. Correct the line.") from None
+        raise DataError(f"{path}, line {numbers[len(rows)]}: {error}. Correct the line.") from None
+    rows.pop()
     if any(" " in line or "\t" in line for line in lines):
         rows = [[field.strip() for field in row] for row in rows]
-    return rows, numbers if len(rows) == len(lines) else [numbers[start] for start in starts]
+    return rows
 
 
 def _is_value(field: str) -> bool:

@@ -9,30 +9,10 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from motion_gym.contract import DataError, SpecError
+from motion_gym.data.column_names import FLAGS, LENGTHS, ROLES, TIME_UNITS, plain_name, role_of, time_unit
 from motion_gym.data.tables import Table, short
 from motion_gym.specs import suggest
 
-_AROUND = "pos|position|est|estimated|coord|coordinate|world|center|centre|c|local|utm|ground|map"
-_NUMBERED = "(?:_?(?:id|ids|no|nr|num|number|index|idx|count))?"
-_WHO = (
-    "agent|ped|pedestrian|person|pers|people|human|track|trajectory|traj|object|obj|target|vehicle|veh|car|subject|"
-    "participant|individual|player|robot|actor"
-)
-ROLES = {
-    "frame": re.compile(rf"f|(?:frames?|fr|image|img|time_?step|step|tick){_NUMBERED}"),
-    "time": re.compile(
-        r"(?:(?:unix|epoch|global|ros|recording)_?)?(?:t|time|times|time_?stamps?|stamp|date_?time|date|epoch)"
-        r"(?:_?(?:s|secs?|seconds|ms|msecs?|millis|milliseconds|us|ns|utc))?|s|secs?|seconds|ms|msec|milliseconds"
-    ),
-    "id": re.compile(rf"ids?|[uptao]id|name|(?:{_WHO})s?{_NUMBERED}(?:_?name)?|id_?(?:{_WHO})"),
-    "x": re.compile(rf"(?:(?:{_AROUND})_?)*x(?:_?(?:{_AROUND}))*|east|easting"),
-    "y": re.compile(rf"(?:(?:{_AROUND})_?)*y(?:_?(?:{_AROUND}))*|north|northing"),
-}
-"""What a column's name says, after ``plain_name``."""
-MILLISECONDS = re.compile(r"(?:^|_|time|stamp)m(?:s|sec|secs|illis|illiseconds)$")
-SECONDS = re.compile(r"(?:^|_|time|stamp)s(?:ec|ecs|econd|econds)?$")
-LENGTHS = {"m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "cm": "cm", "mm": "mm", "km": "km"}
-LENGTHS |= {"ft": "ft", "feet": "ft", "foot": "ft", "in": "in", "inch": "in", "yd": "yd", "px": "px", "pixel": "px"}
 HOW = "Say which columns hold frame (or time), id, x and y"
 OBSMAT = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
 
@@ -64,31 +44,6 @@ class Columns:
             f"frame or time {table.title(self.time)}, {agent}, x {table.title(self.x)}, y {table.title(self.y)} "
             f"({self.how})"
         )
-
-
-def plain_name(name: str) -> tuple[str, str]:
-    """A column's name in lower case with underscores, without its unit; and the unit, in lower case.
-
-    >>> plain_name("xCenter [m]"), plain_name("pos_x_cm"), plain_name("Track ID"), plain_name("timestamp_ms")
-    (('x_center', 'm'), ('pos_x', 'cm'), ('track_id', ''), ('timestamp_ms', ''))
-    """
-    unit = ""
-    if match := re.fullmatch(r"(.*?)\s*(?:[\[({]\s*([^\])}]*?)\s*[\])}]|/\s*([A-Za-z]+))\s*", name):
-        name, unit = match[1], (match[2] or match[3] or "").lower()
-    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.strip())
-    name = re.sub(r"[^0-9a-z]+", "_", name.lower()).strip("_")
-    first, _, last = name.rpartition("_")
-    if first and not unit and last in LENGTHS:
-        name, unit = first, last
-    if unit in ("s", "sec", "seconds", "ms") and ROLES["time"].fullmatch(name):
-        name = f"{name}_{unit}"
-    return name, unit
-
-
-def role_of(name: str) -> str | None:
-    """What a column's name plainly says that it holds: frame, time, id, x or y."""
-    word, _ = plain_name(name)
-    return next((role for role, words in ROLES.items() if words.fullmatch(word)), None)
 
 
 def length_unit(table: Table, column: int) -> str | None:
@@ -218,21 +173,62 @@ def _guessed_by_header(table: Table, timed: bool) -> Columns:
     frame, time, agent = (_single(table, by_role[role], role) for role in ("frame", "time", "id"))
     when = time if frame is None else frame
     if time is not None and frame is not None and not timed:
-        milliseconds = MILLISECONDS.search(plain_name(names[time])[0])
-        if milliseconds or table.is_dates(time) or table.whole_numbers(time) is None:
+        fine = TIME_UNITS.get(time_unit(names[time]) or "", 0) >= 1000
+        if fine or table.is_dates(time) or table.whole_numbers(time) is None:
             when = time  # a time that says its unit needs no fps
+    if agent is None and when is not None and x is not None and y is not None:
+        _refuse_other_ids(table, {when, x, y})
+    if x is not None and y is not None and (names[x].strip().lower(), names[y].strip().lower()) == ("x", "y"):
+        _refuse_box(table)
     one_person = agent is None and when is not None and len(set(table.texts(when))) == len(table)
     missing = {"frame or time": when is None, "id": agent is None and not one_person, "x and y": x is None or y is None}
     if x is None or y is None or when is None or any(missing.values()):
         words = {plain_name(name)[0] for name in names}
+        box = " If they are boxes, write the centre or the foot point of each box as x and y." if (
+            words & {"xmin", "x_min", "x1", "left", "bb_left", "bbox_left"} and x is None
+        ) else ""  # fmt: skip
         degrees = " Longitude and latitude are degrees: convert them to metres first, as UTM." if (
             words & {"lat", "latitude"} and x is None
         ) else ""  # fmt: skip
         raise DataError(
             f"{table.path} has a header in which no name plainly says {', '.join(k for k, v in missing.items() if v)}. "
-            f"{_header(table)}{degrees} {HOW}: columns='FRAME ID X Y', with names of the header."
+            f"{_header(table)}{degrees}{box} {HOW}: columns='FRAME ID X Y', with names of the header."
         )
     return Columns(when, agent, x, y, False, "by the names in the header")
+
+
+def _refuse_other_ids(table: Table, used: set[int]) -> None:
+    """Raise DataError if another column of text or whole numbers repeats values, so that it may be the id."""
+    names, candidates = table.names or (), []
+    for column, name in enumerate(names):
+        if column in used or role_of(name) or plain_name(name)[0] in FLAGS:
+            continue
+        whole = table.whole_numbers(column)
+        if whole is None and table.is_numeric(column):
+            continue
+        different = len(set(table.texts(column) if whole is None else whole.tolist()))
+        if 1 < different < len(table):
+            candidates.append(name)
+    if candidates:
+        told = ", ".join(f"`{name}`" for name in candidates)
+        raise DataError(
+            f"{table.path} has a header in which no name plainly says id, and {told} may be it: values repeat. "
+            f"{_header(table)} {HOW}: columns='FRAME ID X Y', with names of the header; or columns='FRAME X Y' if the "
+            "file is of one person."
+        )
+
+
+def _refuse_box(table: Table) -> None:
+    """Raise DataError if x and y are followed by a width and a height, as of the corner of a box."""
+    words = {plain_name(name)[0] for name in table.names or ()}
+    sizes = next(({a, b} for a, b in (("w", "h"), ("width", "height")) if {a, b} <= words), None)
+    if sizes and not words & {"z", "length", "l"}:
+        raise DataError(
+            f"{table.path} has a header of boxes: x, y, {' and '.join(sorted(sizes, reverse=True))}. It does not say "
+            "which point of the box x and y are, and a corner moves if the size changes. Write a file with the centre "
+            "or the foot point, x + w/2 and y + h; or, if x and y are such a point, say so: columns='FRAME ID X Y'. "
+            f"{_header(table)}"
+        )
 
 
 def _guessed_by_width(table: Table) -> Columns:
@@ -268,10 +264,10 @@ def _made(found: Sequence[int], stated: bool, how: str) -> Columns:
 def _position(table: Table, name: str) -> int:
     names = table.names or ()
     for form in (str, str.lower, lambda text: plain_name(text)[0]):
-        matching = [i for i, other in enumerate(names) if form(other) == form(name)]
+        matching = [i for i, other in enumerate(names) if form(name) and form(other) == form(name)]
         if len(matching) == 1:
             return matching[0]
-        if matching:
+        if matching and form(name):
             raise SpecError(f"`{name}` of `columns` is {len(matching)} columns of {table.path}. {_header(table)}")
     raise SpecError(f"{table.path} has no column `{name}`.{suggest(name, filter(None, names))}")
 

@@ -13,7 +13,10 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
-from motion_gym.data.frame_times import Clock, RawTimes, clock_of, read_times, usual_distance
+from motion_gym.data.column_names import role_of
+from motion_gym.data.dates import past_midnight
+from motion_gym.data.frame_times import TIMES_OF_DAY, Clock, RawTimes, clock_of, read_times, usual_distance
+from motion_gym.data.number_forms import refuse_thousands
 from motion_gym.data.resampling import Resampled, resample
 from motion_gym.data.swapped_columns import swap_evidence
 from motion_gym.data.table_files import read_table
@@ -89,6 +92,7 @@ class TrackFile:
         lines: [R] int64, line of each row.
         swapped: Why frame and id seem to be swapped; empty if nothing speaks for it.
         frames: [R] the values of the column of frames or times.
+        places: Where the values are in each of the files.
     """
 
     recording: Recording
@@ -104,6 +108,7 @@ class TrackFile:
     lines: np.ndarray
     swapped: str
     frames: np.ndarray
+    places: Sequence[Columns]
 
 
 def find_files(path: Any) -> list[Path]:
@@ -166,6 +171,14 @@ class _Part:
         table = read_table(path)
         timed = reading.fps is not None or reading.dt is not None
         columns = find_columns(table, reading.columns, timed)
+        units = [length_unit(table, column) for column in (columns.x, columns.y)]
+        if None not in units and units[0] != units[1]:
+            raise DataError(
+                f"{path}: the header says that {table.title(columns.x)} is in {units[0]} and {table.title(columns.y)} "
+                f"in {units[1]}: write both in one unit."
+            )
+        for column in (columns.x, columns.y):
+            refuse_thousands(table, column)
         xy = np.column_stack([table.numbers(columns.x), table.numbers(columns.y)])
         if np.isinf(xy).any():
             row = int(np.isinf(xy).any(axis=1).argmax())
@@ -180,7 +193,7 @@ class _Part:
         codes, names = _identities(table, columns)
         agent = codes[there]
         used, agent = np.unique(agent, return_inverse=True)
-        values = RawTimes(times.values[there], times.per_second, times.how, times.unknown)
+        values = RawTimes(times.values[there], times.per_second, times.how, times.unknown, times.said)
         dropped = int((~there).sum())
         return cls(table, columns, values, agent.reshape(-1), names[used], xy[there], np.flatnonzero(there), dropped)
 
@@ -225,10 +238,16 @@ def _recording(parts: Sequence[_Part], reading: Reading) -> TrackFile:
     lines = np.concatenate([part.table.lines[part.lines] for part in parts])
     file = np.repeat(np.arange(len(parts)), [len(part.agent) for part in parts])
     values = np.concatenate([part.times.values for part in parts])
+    if first.times.how == TIMES_OF_DAY:
+        values = past_midnight(values)
     rows = np.concatenate([part.lines for part in parts])
     _refuse_duplicates(parts, file, rows, values, agent, names)
     swapped = ""
-    if first.columns.agent is not None and len(parts) == 1 and values.dtype.kind == "i":
+    named = [role_of(first.table.names[c]) for c in (first.columns.time, first.columns.agent or 0)] if (
+        first.table.names
+    ) else []  # fmt: skip
+    stated = named in (["frame", "id"], ["time", "id"])  # a header that names both columns is a statement
+    if first.columns.agent is not None and not stated and len(parts) == 1 and values.dtype.kind == "i":
         swapped = swap_evidence(values, agent, xy)
         if swapped and not first.columns.stated:
             titles = [first.table.title(c) for c in (first.columns.time, first.columns.agent)]
@@ -237,7 +256,7 @@ def _recording(parts: Sequence[_Part], reading: Reading) -> TrackFile:
                 "probably swapped: say columns='id frame x y', or columns='1 0 2 3' with the numbers of frame, id, x "
                 "and y. To read it as it is, say columns='0 1 2 3'."
             )
-    raw = RawTimes(values, first.times.per_second, first.times.how, first.times.unknown)
+    raw = RawTimes(values, first.times.per_second, first.times.how, first.times.unknown, first.times.said)
     fps = reading.fps
     dt = reading.dt
     if fps is None and dt is None and first.table.fps:
@@ -268,6 +287,7 @@ def _recording(parts: Sequence[_Part], reading: Reading) -> TrackFile:
         lines,
         swapped,
         values,
+        [part.columns for part in parts],
     )
 
 
@@ -303,11 +323,12 @@ def _rate_in_comments(table: Table) -> str:
     return f" A comment in the file says: {said[0]!r}." if said else ""
 
 
-def units_in_header(file: TrackFile) -> str | None:
-    """The unit of length that the header says for x and y, if it says one."""
-    table = file.tables[0]
-    units = {length_unit(table, column) for column in (file.columns.x, file.columns.y)}
-    return units.pop() if len(units) == 1 else None
+def units_in_headers(file: TrackFile) -> list[str | None]:
+    """The unit of length that the header of each file says for x and y, if it says one."""
+    return [
+        length_unit(table, places.x) or length_unit(table, places.y)
+        for table, places in zip(file.tables, file.places, strict=True)
+    ]
 
 
 def usual_frames(file: TrackFile) -> float:

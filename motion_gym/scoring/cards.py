@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.contract import Domain, MotionGymError, PredictorError
+from motion_gym.contract import DataError, Domain, MotionGymError, PredictorError
 from motion_gym.data.domains import spec_of
 from motion_gym.data.overlap import trained_on_scored
 
@@ -92,12 +92,24 @@ def _domains_of_same_people(names: Sequence[str], domain: Domain, split: str) ->
         if source is None:
             with contextlib.suppress(MotionGymError):  # an unknown domain
                 source = catalog.domain(name)
-        if source is None or (source.world != domain.world and is_shipped(source) and is_shipped(domain)):
+        if source is None or not _may_show_same_people(source, domain):
             continue
         compare = functools.partial(trained_on_scored, source, domain, split)
-        if domain.kept(f"{name} shows people of {split}", compare):  # type: ignore[attr-defined]
-            same.append(source.card.name)
+        # Shipped weights are scored on a user's file although the data that they were trained on is not there.
+        missing = contextlib.suppress(DataError) if not shows_own_data(source) else contextlib.nullcontext()
+        with missing:
+            if domain.kept(f"{name} shows people of {split}", compare):  # type: ignore[attr-defined]
+                same.append(name if shows_own_data(source) else source.card.name)
     return list(dict.fromkeys(same))
+
+
+def _may_show_same_people(source: Any, domain: Any) -> bool:
+    """Whether two domains must be compared: they show one world, or recordings of which one is the user's."""
+    if source.world == domain.world:
+        return True
+    if getattr(type(source), "draws_each_split", False) and is_shipped(source):
+        return False  # simulated people are in no other domain
+    return shows_own_data(source) or shows_own_data(domain)
 
 
 def peak_memory() -> int:

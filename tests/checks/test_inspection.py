@@ -150,6 +150,51 @@ def test_the_unit_of_the_header_is_compared(tmp_path):
     assert "unit=m was read: say unit=ft" in only(found, "The header says ft")
 
 
+def test_the_units_of_all_headers_are_compared(tmp_path):
+    for person in range(3):
+        rows = [(f, x, y) for f, a, x, y in walk_rows(**FEW) if a == person]
+        write_rows(tmp_path / f"p{person}.csv", rows, header="frame,x [ft],y [ft]" if person == 2 else "frame,x,y")
+    found = inspect(str(tmp_path / "p*.csv"), fps=25, split="0 0 1")
+    assert "p2.csv says ft, others say another or none" in only(found, "and unit=m was read for all 3 files")
+    assert "unit=m was read: say unit=yd" in only(
+        report(tmp_path, walk_rows(**FEW), "frame,id,x [yards],y [yards]", fps=25), "The"
+    )
+    with pytest.raises(DataError, match=r"`x \[m\]` is in m and column 3 `y \[inches\]` in in: write both in one"):
+        report(tmp_path, walk_rows(**FEW), "frame,id,x [m],y [inches]", fps=25)
+
+
+@pytest.mark.parametrize(("name", "unseen"), [("lost", 1), ("Occluded", "true"), ("is_valid", 0), ("visible", "False")])
+def test_marked_positions_are_named(tmp_path, name, unseen):
+    seen = {1: 0, 0: 1}.get(unseen, "yes" if unseen == "False" else "no")
+    rows = [(*row, unseen if k % 50 == 7 else seen) for k, row in enumerate(walk_rows(**FEW))]
+    count = sum(row[4] == unseen for row in rows)
+    found = report(tmp_path, rows, header=f"frame,id,x,y,{name}", fps=25)
+    assert f"{count} rows by `{name}`" in only(found, "marked as not seen and are used")
+    unmarked = [(*row[:4], seen) for row in rows]
+    assert not report(tmp_path, unmarked, header=f"frame,id,x,y,{name}", fps=25).warnings
+
+
+def test_a_copy_among_files_is_named(tmp_path):
+    for name, person in (("a", 0), ("b", 1), ("copy of b", 1)):
+        rows = [(f, x, y) for f, a, x, y in walk_rows(**FEW) if a == person]
+        write_rows(tmp_path / f"{name}.csv", rows, header="frame,x,y")
+    found = inspect(str(tmp_path / "*.csv"), fps=25, split="0 0 1")
+    assert any("copy of b.csv has the same content as b.csv" in text for text in found.warnings)
+    assert not any("content" in text for text in inspect(str(tmp_path / "?.csv"), fps=25, split="0 0 1").warnings)
+
+
+def test_few_rows_are_no_grid(tmp_path):
+    rows = [row for row in walk_rows(**FEW, every=10) if row[1] == 0]
+    assert not any("grid" in text for text in report(tmp_path, rows, fps=25).warnings)
+
+
+def test_a_header_that_names_frame_and_id_is_not_accused_of_a_swap(tmp_path):
+    rows = [(4 * k, lane, 12.0 * k, 3.5 * lane) for k in range(160) for lane in (0, 1)]
+    found = report(tmp_path, rows, header="frame,vehicle_id,x,y", fps=10)
+    assert not any("swapped" in text for text in found.warnings)
+    assert found.as_dict()["understood"]["windows of test"]["agents"] == 2
+
+
 def test_files_of_one_person_that_all_begin_alike(tmp_path):
     for person in range(4):
         rows = [(k / 25, x, y) for k, (f, a, x, y) in enumerate(walk_rows(**FEW)) if a == person]

@@ -74,7 +74,7 @@ def test_no_position_depends_on_a_later_sample():
 
 
 @pytest.mark.parametrize(
-    ("lost", "gap", "steps"), [(1, None, 0), (4, None, 1), (4, 0.8, 0), (30, None, 9), (30, 1.0, 8)]
+    ("lost", "gap", "steps"), [(1, None, 0), (4, None, 1), (4, 0.8, 0), (30, None, 9), (30, 1.0, 10)]
 )
 def test_nothing_is_filled_over_a_longer_gap(lost, gap, steps):
     frame = np.setdiff1d(np.arange(140), np.arange(70, 70 + lost))
@@ -83,6 +83,46 @@ def test_nothing_is_filled_over_a_longer_gap(lost, gap, steps):
     assert abs(missing - steps) <= 2 if steps else missing == 0
     ahead = found.seconds - frame[found.row] / 7
     assert ahead.max() <= (gap or 0.2) + 1e-9
+
+
+@pytest.mark.parametrize("gap", [None, 0.3, 5.0])
+@pytest.mark.parametrize("fps", [24.0, 25.0])
+def test_nothing_is_extrapolated_beyond_the_last_sample(fps, gap):
+    frame = np.concatenate([np.arange(0, 300), np.arange(0, 200)])
+    agent = np.repeat([0, 1], [300, 200])
+    found = resampled(frame, agent, straight(frame / fps), gap=gap, fps=fps)
+    for person, last in ((0, 299), (1, 199)):
+        assert found.seconds[agent[found.row] == person].max() <= last / fps + 0.2 + 1e-9
+
+
+@pytest.mark.parametrize(("gap", "missing"), [(None, 1), (0.4, 1), (0.8, 0), (1.0, 0)])
+def test_a_gap_is_bridged_where_rates_divide_too(gap, missing):
+    frame = np.setdiff1d(np.arange(0, 400, 10), [200])
+    xy = np.random.default_rng(0).normal(size=(39, 2)).cumsum(axis=0)
+    found = resampled(frame, np.zeros(39, int), xy, gap=gap, fps=25.0)
+    assert 40 - len(found.row) == missing
+    filled = found.seconds - frame[found.row] / 25 > 1e-6
+    np.testing.assert_allclose(found.xy[~filled], xy)
+    if not missing:
+        np.testing.assert_allclose(found.xy[filled], [2 * xy[19] - xy[18]])
+
+
+def test_a_gap_longer_than_a_window_is_refused():
+    with pytest.raises(SpecError, match=r"gap=1e\+09 s is longer than a window of 20 steps: give at most 8 s"):
+        resampled(np.arange(40), np.zeros(40, int), straight(np.arange(40)), gap=1e9, fps=24.0)
+
+
+@pytest.mark.parametrize("late", [1e-5, 1e-3])
+def test_samples_sent_twice_are_one_sample(late):
+    rng = np.random.default_rng(0)
+    once = np.cumsum(rng.uniform(0.08, 0.12, 600))
+    again = once[10::50] + late
+    times = np.concatenate([once, again])
+    xy = straight(times) + np.concatenate([np.zeros((600, 2)), np.full((12, 2), 0.01)])
+    found = resampled(times, np.zeros(612, int), xy, per_second=1)
+    expected = resampled(once, np.zeros(600, int), straight(once), per_second=1)
+    np.testing.assert_allclose(found.xy, expected.xy, atol=1e-9)
+    assert "; 12 rows less than 0.0" in found.how and "left out" not in expected.how
 
 
 def test_one_stray_row_does_not_spoil_the_grid():
@@ -166,6 +206,14 @@ def times_of(tmp_path, fields, name="frame", delimiter=","):
         ("time", ["0.0", "0.4", "0.8"], [0, 0.4, 0.8]),
         ("seconds", ["0", "1", "2"], [0, 1, 2]),
         ("time_s", ["10", "11", "12"], [0, 1, 2]),
+        ("time [min]", ["0.5", "1.5", "2"], [0, 60, 90]),
+        ("Time [µs]", ["100", "400100"], [0, 0.4]),
+        ("time_us", ["100", "400100"], [0, 0.4]),
+        ("t [msec]", ["100", "500"], [0, 0.4]),
+        ("timestamp (milliseconds)", ["100", "500"], [0, 0.4]),
+        ("time_ns", ["0", "400000000"], [0, 0.4]),
+        ("elapsed_time [hours]", ["0.5", "0.75"], [0, 900]),
+        ("time/d", ["0", "2"], [0, 172800]),
         ("timestamp_ms", ["100", "500", "900"], [0, 0.4, 0.8]),
         ("Time [ms]", ["0", "400", "800.0"], [0, 0.4, 0.8]),
         ("frame", ["0.5", "1.0", "1.5"], [0, 0.5, 1]),
@@ -187,6 +235,8 @@ def test_columns_that_say_their_time(tmp_path, name, fields, seconds):
     [
         ("frame", ["0", "1", "2"], r"whole numbers \(0, 1, 2, ...\).* Give fps .*or dt "),
         ("time", ["0", "1", "2"], "fps=1 for seconds, fps=1000 for milliseconds"),
+        ("timestamps", ["0", "1", "2"], "fps=1 for seconds, fps=1000 for milliseconds"),
+        ("time [jiffies]", ["0", "1.5"], "a known unit .* The unit `jiffies` in the header is not known. Give fps"),
         ("frame", ["1338213600250", "1338213600650"], "look like milliseconds since 1970: fps=1000"),
         ("stamp", ["1338213600250.5", "1338213600650.5"], "look like milliseconds since 1970: fps=1000"),
         ("stamp", ["1338213600", "1338213601"], "look like seconds since 1970: fps=1"),
@@ -207,6 +257,36 @@ def test_numbers_without_a_rate_are_refused_with_what_to_say(tmp_path, name, fie
 def test_bad_times_name_their_line(tmp_path, fields):
     with pytest.raises(MotionGymError, match="line 3"):
         times_of(tmp_path, fields)
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "rate", "stated"),
+    [
+        ("time_s", ["0.0", "0.1", "0.2"], (10, None), "fps=10"),
+        ("timestamp_ms", ["0", "100", "200"], (10, None), "fps=10"),
+        ("time [min]", ["0.0", "0.1", "0.2"], (10, None), "fps=10"),
+        ("time", ["0.0", "0.1", "0.2"], (10, None), "fps=10"),
+        ("t", ["1338213600.25", "1338213600.65"], (25, None), "fps=25"),
+        ("when", ["2024-05-31T12:00:00", "2024-05-31T12:00:00.4"], (25, None), "fps=25"),
+        ("time_s", ["0.0", "0.1", "0.2"], (None, 0.4), "dt=0.4"),
+    ],
+)
+def test_a_rate_that_contradicts_the_unit_of_the_column_is_refused(tmp_path, name, fields, rate, stated):
+    raw = times_of(tmp_path, fields, name)
+    with pytest.raises(DataError, match=f"walk: {stated} contradicts the file: .* Drop {stated.partition('=')[0]},"):
+        clock_of(raw, np.zeros(len(fields), int), *rate, 0.4, "walk")
+    assert clock_of(raw, np.zeros(len(fields), int), None, None, 0.4, "walk").interval > 0
+
+
+def test_a_rate_that_agrees_with_the_column_is_taken(tmp_path):
+    agent = np.zeros(3, int)
+    for name, fields, rate in (
+        ("time_ms", ["0", "100", "200"], (1000, None)),
+        ("time", ["0.", "99.9", "200.1"], (1000, None)),
+        ("time_s", ["0.0", "0.41", "0.8"], (None, 0.4)),
+        ("frame", ["0.5", "2.5", "4.5"], (20, None)),
+    ):
+        assert clock_of(times_of(tmp_path, fields, name), agent, *rate, 0.4, "walk").interval < 0.5
 
 
 def test_nanoseconds_are_exact(tmp_path):

@@ -66,6 +66,47 @@ def test_headers_that_do_not_say(tmp_path, header, message):
         find_columns(table_of(tmp_path, "\n".join([header, *rows]) + "\n"), None)
 
 
+def test_a_column_that_may_be_the_id_is_named(tmp_path):
+    for field in ("u-{}", "{}"):
+        rows = [f"{k / 10},{field.format(k % 3)},{k}.5,1.25" for k in range(30)]
+        table = table_of(tmp_path, "\n".join(["timestamp,uuid,x,y", *rows]) + "\n")
+        with pytest.raises(
+            DataError, match=r"no name plainly says id, and `uuid` may be it: .* columns='FRAME X Y' if"
+        ):
+            find_columns(table, None)
+        assert places(find_columns(table, parse_columns("timestamp uuid x y"))) == (0, 1, 2, 3)
+        assert places(find_columns(table, parse_columns("timestamp x y"))) == (0, None, 2, 3)
+    one = table_of(
+        tmp_path,
+        "row,time,label,speed,lost,x,y\n" + "".join(f"{k},{k}.5,ped,{k % 3}.25,{k % 2},{k}.5,1.5\n" for k in range(9)),
+    )
+    assert places(find_columns(one, None)) == (1, None, 5, 6)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("frame,id,x,y,w,h", "header of boxes: x, y, w and h.*Write a file with the centre"),
+        ("frame,id,x,y,width,height", "header of boxes: x, y, width and height"),
+        ("frame,id,xmin,ymin,xmax,ymax", "no name plainly says x and y.*If they are boxes, write the centre"),
+    ],
+)
+def test_boxes_are_refused_with_what_to_do(tmp_path, header, message):
+    rows = ["1,2,3,4,5,6", "2,2,3,4,5,6", "3,2,3,4,5,6"]
+    table = table_of(tmp_path, "\n".join([header, *rows]) + "\n")
+    with pytest.raises(DataError, match=message):
+        find_columns(table, None)
+    assert places(find_columns(table, (0, 1, 2, 3))) == (0, 1, 2, 3)
+
+
+def test_names_of_other_scripts_match_exactly(tmp_path):
+    table = table_of(tmp_path, "frame,ταυ,ψ,x,y\n1,2,3,4,5\n2,2,3,4,5\n")
+    assert places(find_columns(table, parse_columns("frame ψ x y"))) == (0, 2, 3, 4)
+    other = table_of(tmp_path, "frame,ταυ,x,y\n1,2,4,5\n2,2,4,5\n")
+    with pytest.raises(SpecError, match="has no column `ψ`"):
+        find_columns(other, parse_columns("frame ψ x y"))
+
+
 FOUR = "id,frame,x,y,speed\n1,0,2,3,9\n1,1,2,4,9\n"
 
 
