@@ -80,6 +80,10 @@ class RecordedDomain:
         """Features that read the future: [A, 20, 2] float64, [A, 20] bool -> [A, 8, len(side_channel_names)]."""
         return np.zeros((len(positions), HISTORY, 0))
 
+    def ground_lines(self) -> Sequence[tuple[np.ndarray, bool]]:
+        """Lines on the ground, as of lanes, that pictures show: points [P, 2] as in the source, and whether dashed."""
+        return ()
+
     def history(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
         """The history of an observation: [A, 8, F] with x, y, the features, then the side channels."""
         observed = positions[:, :HISTORY]

@@ -20,13 +20,14 @@ from matplotlib.figure import Figure
 
 from motion_gym import catalog
 from motion_gym.contract import HISTORY, MOST_SAMPLES, WINDOW, Domain, Forecast, Predictor, SpecError, Truth
-from motion_gym.data.domains import spec_of
+from motion_gym.data.domains import RecordedDomain, spec_of
 from motion_gym.data.storage import write_atomic
 from motion_gym.data.windows import pick_scenes
 from motion_gym.metrics.errors import ade, min_ade
 from motion_gym.scoring.shown import show_references
 from motion_gym.specs import number, whole_number
 from motion_gym.stepping.harness import ask, copied, name_of, ready, windows_of_domain
+from motion_gym.stepping.render import draw_ground
 
 FORMATS = (".png", ".svg", ".pdf", ".gif", ".mp4")
 """Endings of the files that ``show`` writes."""
@@ -58,6 +59,7 @@ class DrawnScene:
         title: Heading.
         unit: Unit of positions.
         origin: [2] float64, added to the coordinates that the axes show.
+        ground: ``ground_lines`` of the domain, drawn if there is an origin.
     """
 
     truth: Truth
@@ -65,6 +67,7 @@ class DrawnScene:
     title: str = ""
     unit: str = "m"
     origin: np.ndarray | None = None
+    ground: Sequence[tuple[np.ndarray, bool]] = ()
 
 
 def show(
@@ -123,6 +126,7 @@ def show(
     drawn = DrawnScene(
         truth, forecasts, f"{spec_of(place)}, {split}, scene {index}", place.card.unit,
         origins[0] if len(origins) == 1 else None,
+        place.ground_lines() if isinstance(place, RecordedDomain) else (),
     )  # fmt: skip
     picture = Picture(figsize=SIZE, dpi=150, layout="constrained")
     axes = picture.add_subplot()
@@ -163,6 +167,8 @@ def draw_scene(
     draw_paths(axes, so_far, "ground truth", color=TRUTH_COLOR, lw=1.8, ls=(0, (2, 1)))
     axes.plot(*observed[:, -1].T, "o", color=HISTORY_COLOR, ms=4)
     _frame(axes, drawn)
+    if drawn.origin is not None:
+        draw_ground(axes, drawn.ground, drawn.origin)
 
 
 def draw_paths(axes: Axes, paths: np.ndarray, label: str | None, **style: Any) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from motion_gym.contract import FUTURE, Domain, Forecast, Observation, SpecError, Truth
+from motion_gym.data.domains import RecordedDomain
 from motion_gym.specs import one_of
 
 if TYPE_CHECKING:
@@ -18,6 +20,9 @@ MODES = ("rgb_array", "human")
 WINDOWLESS = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 SIZE = (7.2, 5.4)
 """Inches; 100 pixels each."""
+GROUND_COLOR = "#a0aec0"
+LONGEST = 6
+"""Length over width of roads from which on the axes of a picture have different scales."""
 LABELLED = 12
 """Most agents that are labelled."""
 HISTORY_COLOR, TRUTH_COLOR, FORECAST_COLOR = "#2b6cb0", "#2f855a", "#dd6b20"
@@ -59,6 +64,10 @@ class Canvas:
         self.mode, self.title, self.extent, self.fps = mode, title, extent, fps
         origins = {tuple(recording.origin) for recording in (domain.recordings(split) if mode else ())}
         self.unit, self.origin = domain.card.unit, np.array(origins.pop() if len(origins) == 1 else (0.0, 0.0))
+        self.ground = domain.ground_lines() if mode and isinstance(domain, RecordedDomain) else ()
+        if self.ground:
+            points = np.concatenate([extent, *(line - self.origin for line, _ in self.ground)])
+            self.extent = np.stack([points.min(axis=0), points.max(axis=0)])
         self._shown: tuple[Any, ...] | None = None
         self._figure: Figure | None = None
 
@@ -138,20 +147,23 @@ class Canvas:
         figure.clear()
         axes = figure.add_axes((0.09, 0.1, 0.88, 0.8))
         low, high = self.extent
-        margin = 0.05 * float((high - low).max()) + 0.5
+        size = np.maximum(high - low, 1e-6)
+        stretched = bool(self.ground) and size.max() > LONGEST * size.min()
+        margin = 0.05 * (size if stretched else np.full(2, size.max())) + 0.5
         axes.set(
-            xlim=(low[0] - margin, high[0] + margin),
-            ylim=(low[1] - margin, high[1] + margin),
+            xlim=(low[0] - margin[0], high[0] + margin[0]),
+            ylim=(low[1] - margin[1], high[1] + margin[1]),
             xlabel=f"x [{self.unit}]",
-            ylabel=f"y [{self.unit}]",
+            ylabel=f"y [{self.unit}]" + (", not to the scale of x" if stretched else ""),
             axisbelow=True,
         )
-        axes.set_aspect("equal", adjustable="box")
+        axes.set_aspect("auto" if stretched else "equal", adjustable="box")
         axes.grid(color="#e2e8f0", linewidth=0.6)
         if self.origin.any():
             for axis, shift in zip((axes.xaxis, axes.yaxis), self.origin.tolist(), strict=True):
                 axis.set_major_formatter(partial(_shifted, shift))
         axes.spines[["top", "right"]].set_visible(False)
+        draw_ground(axes, self.ground, self.origin)
         if paths is not None:
             _fan(axes, paths, FORECAST_COLOR)
         if truth is not None and forecast is not None:
@@ -179,6 +191,13 @@ class Canvas:
         figure.legend(
             handles=handles, loc="upper right", ncols=2 if paths is not None else 3, fontsize=8, frameon=False
         )
+
+
+def draw_ground(axes: Any, lines: Sequence[tuple[np.ndarray, bool]], origin: np.ndarray) -> None:
+    """Draw the ``ground_lines`` of a domain, relative to an origin [2]."""
+    for points, dashed in lines:
+        style = (0, (6, 9)) if dashed else "-"
+        axes.plot(*(points - origin).T, color=GROUND_COLOR, linewidth=0.8, linestyle=style, zorder=1)
 
 
 def _settled(axes: Any, truth: Truth, forecast: Forecast, color: str) -> None:

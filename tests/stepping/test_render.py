@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import pickle
 import warnings
 
@@ -12,7 +13,7 @@ from motion_gym.contract import Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.stepping.gymnasium_env import WindowEnv
 from motion_gym.stepping.pettingzoo_env import ForecastEnv
-from motion_gym.stepping.render import FORECAST_COLOR, HISTORY_COLOR, TRUTH_COLOR, Canvas
+from motion_gym.stepping.render import FORECAST_COLOR, GROUND_COLOR, HISTORY_COLOR, TRUTH_COLOR, Canvas
 
 
 class Lanes(RecordedDomain):
@@ -66,6 +67,48 @@ def test_pictures_are_rgb_of_one_size(clock, people, samples):
     assert image.flags.writeable and image is not env.render()
     assert near(image, HISTORY_COLOR) > 50 * people, "histories are solid"
     assert (image == 255).all(axis=2).mean() > 0.5
+
+
+class Road(Lanes):
+    """People on a road with an edge far to the left and a dashed line, whose origin is not zero."""
+
+    def recordings(self, split):
+        (recording,) = super().recordings(split)
+        return [dataclasses.replace(recording, xy=recording.xy + 3000, origin=np.array([3000.0, 3000.0]))]
+
+    def ground_lines(self):
+        along = 3000 + np.array([[0.0, 0], [11.5, 0]])
+        return [(along + np.array([0, 6]), False), (along + np.array([0, 0.75]), True)]
+
+
+@pytest.mark.parametrize("clock", ["windows", "stream"])
+def test_lines_on_the_ground_are_behind_the_agents_and_in_the_picture(clock):
+    env, plain = (ForecastEnv(kind(), clock=clock, render_mode="rgb_array") for kind in (Road, Lanes))
+    images = []
+    for each in (env, plain):
+        each.reset()
+        images.append(each.render())
+    assert near(images[0][60:], GROUND_COLOR) > 300 > 20 > near(images[1][60:], GROUND_COLOR)
+    low, high = limits(env)[1]
+    assert low < 0 and 6 < high < 12, "the edge of the road is in the picture"
+    lines = env._canvas._figure.axes[0].lines
+    assert lines[0].get_ydata().tolist() == [6, 6] and lines[1].get_linestyle() == "--"
+    assert min(line.get_zorder() for line in lines) == lines[0].get_zorder()
+
+
+def test_axes_have_one_scale_except_along_a_road():
+    for kind, people, stretched in ((Road, 2, False), (Lanes, 1, False), (Long, 2, True)):
+        env = ForecastEnv(kind(people), clock="windows", render_mode="rgb_array")
+        env.reset()
+        env.render()
+        axes = env._canvas._figure.axes[0]
+        assert (axes.get_aspect() == "auto") == stretched
+        assert ("not to the scale" in axes.get_ylabel()) == stretched
+
+
+class Long(Road):
+    def ground_lines(self):
+        return [(3000 + np.array([[0.0, -1], [100, -1]]), False)]
 
 
 def test_a_window_shows_its_truth_and_its_forecast():
