@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import HISTORY, Forecast, Observation, Truth
+from motion_gym.data.scene_images import SceneImage
 from motion_gym.stepping.clocks import Settled
 
 
 def observation_from_dict(
-    observations: Mapping[str, np.ndarray], dt: float, agents: Sequence[str], time: int | None = None
+    observations: Mapping[str, np.ndarray],
+    dt: float,
+    agents: Sequence[str],
+    time: int | None = None,
+    images: tuple[SceneImage, ...] | None = None,
 ) -> Observation:
     """One scene from the observations of a PettingZoo environment.
 
@@ -21,13 +26,14 @@ def observation_from_dict(
         dt: Seconds per step (``env.domain.card.dt``).
         agents: ``env.agents``; agents that have left are in the dict too, but need no forecast.
         time: ``env.clock.time``, by which an adapter can distinguish scenes that look alike; None if not known.
+        images: ``env.images``, for predictors that see the ground.
     """
     if not agents:
         return Observation(np.zeros((0, HISTORY, 2), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt)
     history = np.stack([observations[name] for name in agents])
     when = None if time is None else np.array([time])
     numbers = np.array([int(name.rsplit("_", 1)[1]) for name in agents])
-    return Observation(history, np.array([0, len(agents)]), numbers, dt, when)
+    return Observation(history, np.array([0, len(agents)]), numbers, dt, when, images)
 
 
 def forecast_to_dict(forecast: Forecast, agents: Sequence[str]) -> dict[str, np.ndarray]:
