@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,8 +21,8 @@ from motion_gym.data.sdd_files import (
     VIDEOS,
     Positions,
     read_clips,
-    read_scales,
     read_windows,
+    scale_of,
 )
 from motion_gym.data.storage import digest
 from motion_gym.specs import one_of, three_shares, whole_number
@@ -38,6 +39,9 @@ OBSERVED_PIXELS = 4
 """Pixels of the file, along each axis, that are one pixel of an image in an observation."""
 FORMS = ("windows", "clips")
 SCALES = "estimated_scales.yaml"
+LABEL_COLORS = np.zeros((256, 3), np.uint8)
+LABEL_COLORS[1:6] = [(120, 120, 130), (200, 170, 120), (90, 170, 90), (190, 90, 80), (90, 120, 190)]
+"""[256, 3] color of each label, 0 to 255; label maps hold 1 to 5."""
 
 
 class Sdd(RecordedDomain):
@@ -73,6 +77,7 @@ class Sdd(RecordedDomain):
         unit: ``"px"``, or ``"m"`` by the estimated scales.
         form: ``"windows"`` or ``"clips"``.
         image: Whether observations hold the image of the ground.
+        background: What pictures show of the ground: ``"photo"``, or ``"labels"`` for the label map.
         split: Shares of the time for train, val and test; by default 0 0 1 of a selection, else 0.6 0.2 0.2.
         min_agents: Smallest number of complete agents in a window.
         stride: Steps between the starts of two windows.
@@ -84,7 +89,7 @@ class Sdd(RecordedDomain):
 
     name = "sdd"
     headline = ("scene", "video", "speed")
-    same_world = ("unit", "image", "min_agents", "stride")
+    same_world = ("unit", "image", "background", "min_agents", "stride")
     terms = datasets.dataset("sdd").terms
 
     def __init__(
@@ -96,6 +101,7 @@ class Sdd(RecordedDomain):
         unit: str = "px",
         form: str = "windows",
         image: bool = False,
+        background: str = "photo",
         split: Any = None,
         min_agents: int = 1,
         stride: int = 1,
@@ -110,6 +116,7 @@ class Sdd(RecordedDomain):
         if not isinstance(image, bool):
             raise SpecError(f"`image={image}` of {owner} must be true or false.")
         self.image = image
+        self.background = one_of("background", background, ("photo", "labels"), owner)
         self.split = None if split is None else "{:g} {:g} {:g}".format(*three_shares(split))
         self.min_agents = whole_number("min_agents", min_agents, 1, 1000)
         self.stride = whole_number("stride", stride, 1, 1_000_000)
@@ -157,9 +164,13 @@ class Sdd(RecordedDomain):
         return list(self.kept(f"part {part}", lambda: self._part(low, high)))
 
     def ground_image(self, recording: Recording) -> SceneImage | None:
-        """The reference image of a clip for pictures; None if it is not in the data folder."""
-        known = datasets.present("sdd", [f"reference/{recording.name}.jpg"])
-        return self._scene_image(recording.name, 1) if known else None
+        """The reference image of a clip or its colored label map; None if the file is not in the data folder."""
+        if not datasets.present("sdd", [f"reference/{recording.name}.jpg"]):
+            return None
+        image = self._scene_image(recording.name, 1)
+        if self.background == "photo":
+            return image
+        return None if image.labels is None else dataclasses.replace(image, photo=LABEL_COLORS[image.labels])
 
     def observed_image(self, recording: Recording) -> SceneImage | None:
         """The reference image of a clip, a quarter as wide and high, if ``image`` is set."""
@@ -268,11 +279,7 @@ class Sdd(RecordedDomain):
         """Unit of this domain per pixel; DataError if the clip has no scale."""
         if self.unit == "px":
             return 1.0
-        path = datasets.locate("sdd", SCALES)
-        scales = self.kept("scales", lambda: read_scales(path))
-        if clip not in scales:
-            raise DataError(f"{path} has no scale of the clip {clip}. Add it, leave the clip out, or use unit=px.")
-        return scales[clip][0]
+        return self.kept(f"scale of {clip}", lambda: scale_of(datasets.locate("sdd", SCALES), clip))
 
     def _scene_image(self, clip: str, shrink: int) -> SceneImage:
         def read() -> SceneImage:

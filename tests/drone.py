@@ -5,6 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
+
+from motion_gym.data import datasets
+from motion_gym.data.storage import data_folder
 
 FRAMES = 12 * 40
 """Video frames of a person of ``people``."""
@@ -33,14 +37,33 @@ def write_clip(folder: Path, clip: str, lines) -> Path:
     return path
 
 
-def write_images(folder: Path, clip: str, size=(400, 300), mask_size=None) -> None:
-    """Write ``reference/CLIP.jpg``, and ``masks/CLIP.png`` with one class to the left and another to the right."""
-    from PIL import Image
+def write_image(path: Path, size=(480, 480), color=(40, 160, 60)) -> Path:
+    """Write an image of one color."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.new("RGB", size, color).save(path)
+    return path
 
-    for name in ("reference", "masks"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    Image.new("RGB", size, (40, 160, 60)).save(folder / "reference" / f"{clip}.jpg")
-    width, height = mask_size or size
-    labels = np.ones((height, width), np.uint8)
-    labels[:, width // 2 :] = 3
-    Image.fromarray(labels).save(folder / "masks" / f"{clip}.png")
+
+def write_labels(path: Path, size=(480, 480)) -> Path:
+    """Write a label map with class 1 to the left and class 3 to the right."""
+    labels = np.ones(size[::-1], np.uint8)
+    labels[:, size[0] // 2 :] = 3
+    Image.fromarray(labels).save(path)
+    return path
+
+
+def add_clips(folder: Path) -> Path:
+    """Add two clips of our own, with their images, to the data folder; their bytes are not known to the library.
+
+    ``coupa_2`` has 10 pedestrians and 3 bikers, ``hyang_2`` has 4 pedestrians.
+
+    Returns:
+        The folder of the data set.
+    """
+    official = folder / "stanford_campus_dataset" / "annotations"
+    write_clip(official, "coupa_2", [*people(10), *people(3, 10, "Biker")])
+    write_clip(official, "hyang_2", people(4))
+    write_image(official / "coupa/video2/reference.jpg", (640, 520), (200, 40, 60))
+    write_image(official / "hyang/video2/reference.jpg")
+    datasets.add("sdd", folder / "stanford_campus_dataset")
+    return data_folder() / "sdd"

@@ -217,8 +217,10 @@ def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | Non
         tape.states[START] = _state(predictor, stage.domain)
         while env.agents and (now := stage.time(env)) <= stop:
             names = list(env.agents)
-            seen = observation_from_dict(observations, dt, names)
+            seen = observation_from_dict(observations, dt, names, images=env.images)
             tape.rows[now, "histories"] = names, seen.history
+            if seen.images is not None:
+                tape.rows[now, "images of the ground"] = names, np.array([[seen.images[0].digest]] * len(names))
             if first is not None and (now not in first.shown or first.rows[now, "histories"][0] != names):
                 break
             shown = tape.shown[now] = seen if first is None else first.shown[now]

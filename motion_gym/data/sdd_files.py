@@ -163,6 +163,14 @@ def read_scales(path: Path) -> dict[str, tuple[float, float]]:
     return {clip: (of["scale"], of.get("certainty", 0.0)) for clip, of in scales.items() if of.get("scale", 0) > 0}
 
 
+def scale_of(path: Path, clip: str) -> float:
+    """Metres per pixel of a clip; DataError if the file has no scale of the clip, see ``read_scales``."""
+    scales = read_scales(path)
+    if clip not in scales:
+        raise DataError(f"{path} has no scale of the clip {clip}. Add it, leave the clip out, or use unit=px.")
+    return scales[clip][0]
+
+
 def _read(
     path: Path, row: np.dtype, *, header: bool = False, delimiter: str | None = None, content: bytes | None = None
 ) -> tuple[np.ndarray, str]:

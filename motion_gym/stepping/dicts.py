@@ -55,7 +55,10 @@ def truth_from_infos(infos: Mapping[str, Mapping[str, Any]], dt: float) -> Truth
     )
     order = np.lexsort((row, made))
     scene = np.append(np.flatnonzero(np.diff(made[order], prepend=-1)), len(made))
-    observation = Observation(history[order], scene, agent[order], dt, made[order][scene[:-1]])
+    images = None
+    if all("image" in info for info in settled):
+        images = tuple(np.concatenate([info["image"] for info in settled])[order][scene[:-1]].tolist())
+    observation = Observation(history[order], scene, agent[order], dt, made[order][scene[:-1]], images)
     return Truth(future[order], known[order], observation)
 
 
@@ -86,6 +89,8 @@ def infos_of(settled: Settled, names: Mapping[int, str]) -> dict[str, dict[str, 
         "forecast": settled.forecast.positions,
         "made": settled.made,
     }
+    if seen.images is not None:
+        columns["image"] = np.array(seen.images, object)[scene]
     columns = {key: column.take(order, axis=0) for key, column in columns.items()}
     reporter = reporter[order]
     start = np.flatnonzero(np.diff(reporter, prepend=-1))

@@ -7,8 +7,8 @@ import pytest
 
 from motion_gym.contract import DataError
 from motion_gym.data.scene_images import SceneImage, read_scene_image
-from motion_gym.data.sdd_files import read_annotations, read_clips, read_scales
-from tests.drone import line, write_clip, write_images
+from motion_gym.data.sdd_files import read_annotations, read_clips, read_scales, scale_of
+from tests.drone import line, write_clip, write_image, write_labels
 
 GOOD = [line(0, frame, 100 + frame) for frame in range(30)]
 
@@ -60,20 +60,28 @@ def test_scales_are_read_and_bad_lines_are_named(tmp_path):
         read_scales(path)
 
 
+def test_a_clip_without_a_scale_is_named(tmp_path):
+    path = tmp_path / "scales.yaml"
+    path.write_text("quad:\n   video0:\n      scale: 0.04\n")
+    assert scale_of(path, "quad_0") == 0.04
+    with pytest.raises(DataError, match=r"scales\.yaml has no scale of the clip quad_1\. Add it"):
+        scale_of(path, "quad_1")
+
+
 def test_an_image_is_reduced_with_its_label_map(tmp_path):
-    write_images(tmp_path, "quad_2", size=(402, 300))
-    image = read_scene_image(tmp_path / "reference/quad_2.jpg", tmp_path / "masks/quad_2.png", 0.05, 4)
+    photo, labels = write_image(tmp_path / "a.jpg", (402, 300)), write_labels(tmp_path / "a.png", (402, 300))
+    image = read_scene_image(photo, labels, 0.05, 4)
     assert image.photo.shape == (75, 100, 3) and image.labels.shape == (75, 100)
     assert np.abs(image.photo.astype(int) - (40, 160, 60)).max() < 8
     assert set(image.labels[:, :49].ravel()) == {1} and set(image.labels[:, 51:].ravel()) == {3}
-    assert image.extent.tolist() == pytest.approx(np.array([[0, 0], [20, 15]]))
-    assert image.relative_to(np.array([5.0, 10])).extent.tolist() == pytest.approx(np.array([[-5, -10], [15, 5]]))
+    assert image.extent == pytest.approx(np.array([[0, 0], [20, 15]]))
+    assert image.relative_to(np.array([5.0, 10])).extent == pytest.approx(np.array([[-5, -10], [15, 5]]))
 
 
 def test_a_label_map_of_another_size_is_refused(tmp_path):
-    write_images(tmp_path, "quad_2", mask_size=(200, 300))
-    with pytest.raises(DataError, match=r"quad_2\.png does not match .*200 x 300 .* 400 x 300"):
-        read_scene_image(tmp_path / "reference/quad_2.jpg", tmp_path / "masks/quad_2.png")
+    photo, labels = write_image(tmp_path / "a.jpg", (400, 300)), write_labels(tmp_path / "a.png", (200, 300))
+    with pytest.raises(DataError, match=r"a\.png does not match .*200 x 300 .* 400 x 300"):
+        read_scene_image(photo, labels)
 
 
 def test_a_file_that_is_no_image_is_refused(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -12,12 +13,11 @@ import motion_gym
 from motion_gym.catalog import domain
 from motion_gym.checks.checker import check_domain
 from motion_gym.contract import DataError, MotionGymError, SpecError
-from motion_gym.data import datasets
 from motion_gym.data.domains import spec_of
 from motion_gym.data.overlap import shared_people
 from motion_gym.envs.sdd import SPEEDS
 from tests.cli.command_line import call, fail
-from tests.drone import FRAMES, line, people, write_clip, write_images
+from tests.drone import add_clips, line, people, write_clip
 
 SCORES = {
     "0.25-0.75": (521, 23.57, 48.67, 0.9246, 1.908),
@@ -32,13 +32,9 @@ RAW = {"deathCircle_2": 21, "hyang_8": 7, "hyang_9": 4, "quad_0": 8, "quad_1": 1
 
 @pytest.fixture
 def clips(tmp_path, monkeypatch):
-    """A data folder with two clips of our own, added as the official folders are."""
-    official = tmp_path / "stanford_campus_dataset" / "annotations"
-    write_clip(official, "gates_0", [*people(10), *people(3, 10, "Biker")])
-    write_clip(official, "gates_1", people(4))
+    """A data folder with two clips of our own."""
     monkeypatch.setenv("MOTION_GYM_DATA", str(tmp_path / "data"))
-    datasets.add("sdd", tmp_path / "stanford_campus_dataset")
-    return tmp_path / "data" / "sdd"
+    return add_clips(tmp_path)
 
 
 def small(**keywords):
@@ -99,7 +95,7 @@ def test_splits_share_neither_people_nor_frames(clips):
     people, spans = [], []
     for recordings in parts.values():
         people.append({(r.name, a) for r in recordings for a in r.agent.tolist()})
-        spans.append([(r.frame.min(), r.frame.max()) for r in recordings if r.name == "gates_0"])
+        spans.append([(r.frame.min(), r.frame.max()) for r in recordings if r.name == "coupa_2"])
     assert all(people[:1]) and not people[0] & people[1] and not (people[0] | people[1]) & people[2]
     ends = [span for part in spans for span in part]
     assert ends == sorted(ends) and all(a[1] < b[0] for a, b in itertools.pairwise(ends))
@@ -108,17 +104,17 @@ def test_splits_share_neither_people_nor_frames(clips):
 def test_only_selected_people_are_shown(clips):
     bikers = small(class_="biker")
     assert {a for r in bikers.recordings("test") for a in r.agent.tolist()} == {10, 11, 12}
-    assert [r.name for r in small(scene="gates", video=1).recordings("test")] == ["gates_1"]
-    slow = small(scene="gates", video=0, speed=(0.2, 0.6))
+    assert [r.name for r in small(scene="hyang").recordings("test")] == ["hyang_2"]
+    slow = small(scene="coupa", speed=(0.2, 0.6))
     assert {a for r in slow.recordings("test") for a in r.agent.tolist()} == {2, 3, 4, 5, 6}
 
 
 def test_gaps_end_a_window_and_lost_boxes_are_no_positions(clips):
     lost = [line(0, frame, 50 + frame // 12, 100, lost=int(300 <= frame < 330)) for frame in range(720)]
-    write_clip(clips / "raw", "gates_1", lost)
-    (recording,) = small(scene="gates", video=1).recordings("test")
+    write_clip(clips / "raw", "hyang_2", lost)
+    (recording,) = small(scene="hyang").recordings("test")
     assert np.diff(recording.frame).max() == 48 and len(recording.frame) == 57
-    assert len(small(scene="gates", video=1).windows("test").future) == (25 - 19) + (32 - 19)
+    assert len(small(scene="hyang").windows("test").future) == (25 - 19) + (32 - 19)
 
 
 def test_a_spec_is_read_back(clips):
@@ -168,15 +164,10 @@ def test_missing_people_and_files_are_named(clips, keywords, message):
         domain("sdd", **{"form": "clips", **keywords}).recordings("test")
 
 
-def test_a_clip_without_a_scale_is_named(clips, monkeypatch):
-    scales = clips / "estimated_scales.yaml"
-    scales.write_text("gates:\n   video1:\n      scale: 0.04\n")
-    monkeypatch.setattr(datasets, "locate", lambda name, file: clips / file)  # the bytes are not the known ones
-    with pytest.raises(DataError, match=r"has no scale of the clip gates_0\. Add it"):
-        small(unit="m").recordings("test")
-    (metres,), (pixels,) = (small(unit=u, scene="gates", video=1).recordings("test") for u in ("m", "px"))
-    assert metres.xy == pytest.approx(0.04 * pixels.xy)
-    assert "estimated scales" in small(unit="m", scene="gates", video=1).card.source
+def test_metres_are_estimated_by_clip(sdd):
+    (metres,), (pixels,) = (domain("sdd", unit=u, scene="quad", video=1).recordings("test") for u in ("m", "px"))
+    assert metres.xy == pytest.approx(0.042530206 * pixels.xy)
+    assert "estimated scales" in domain("sdd", unit="m").card.source
 
 
 def test_adding_says_the_terms_and_refuses_bad_files(tmp_path, monkeypatch, capsys):
@@ -197,11 +188,7 @@ def test_adding_says_the_terms_and_refuses_bad_files(tmp_path, monkeypatch, caps
     assert "no commercial use" in fail(capsys, "data fetch sdd").err
 
 
-def test_an_image_of_another_clip_is_refused(clips, monkeypatch):
-    monkeypatch.setattr(datasets, "locate", lambda name, file: clips / file)  # the bytes are not the known ones
-    write_images(clips, "gates_0", size=(120, 300))
-    write_images(clips, "gates_1", size=(480, 300))
-    with pytest.raises(DataError, match=r"gates_0\.jpg does not match its clip: it ends at \[120, 300\] pixels"):
+def test_an_image_of_another_clip_is_refused(clips):
+    shutil.copy(clips / "reference/hyang_2.jpg", clips / "reference/coupa_2.jpg")
+    with pytest.raises(DataError, match=r"coupa_2\.jpg does not match its clip: it ends at \[480, 480\] pixels"):
         small(image=True).windows("test")
-    seen = small(image=True, scene="gates", video=1).windows("test").observation
-    assert seen.images[0].photo.shape == (75, 120, 3)
