@@ -61,7 +61,8 @@ class Sdd(RecordedDomain):
     x to the right and y *downwards*, from the upper left corner of the image: in pixels, or in metres with
     ``unit="m"``. Metres are estimates, one scale for each clip (OpenTraj). With ``image=True`` observations hold the
     reference image of their clip, a quarter as wide and high, and its label map if there is one. The reference image
-    is one frame of the video, which shows the people of that frame.
+    is one frame of the video and not always the first: it may show where people are *later*. With
+    ``background="labels"`` the label map takes its place, which shows no people.
 
     ## Splits
     Consecutive parts of the time of every clip. A person belongs to the part in which the person is first seen, and is
@@ -77,7 +78,7 @@ class Sdd(RecordedDomain):
         unit: ``"px"``, or ``"m"`` by the estimated scales.
         form: ``"windows"`` or ``"clips"``.
         image: Whether observations hold the image of the ground.
-        background: What pictures show of the ground: ``"photo"``, or ``"labels"`` for the label map.
+        background: ``"photo"``: pictures and observations show the reference image; ``"labels"``: its label map.
         split: Shares of the time for train, val and test; by default 0 0 1 of a selection, else 0.6 0.2 0.2.
         min_agents: Smallest number of complete agents in a window.
         stride: Steps between the starts of two windows.
@@ -149,7 +150,9 @@ class Sdd(RecordedDomain):
         """The form of the data, the parts of the time, and where metres come from."""
         parts = ", ".join(f"{part} {share:.0%}" for part, share in zip(self.splits, self.shares, strict=False) if share)
         scale = "; metres by estimated scales (OpenTraj), not measured" if self.unit == "m" else ""
-        return f"Stanford Drone Dataset, {self.form}: {parts} of the time of each clip{scale}"
+        photo = "; observations hold one frame of each video, which may show people at later times"
+        image = photo if self.image and self.background == "photo" else ""
+        return f"Stanford Drone Dataset, {self.form}: {parts} of the time of each clip{scale}{image}"
 
     def recordings(self, split: str) -> list[Recording]:
         """The selected people of a split, a recording for each clip, in pixels or metres.
@@ -164,13 +167,10 @@ class Sdd(RecordedDomain):
         return list(self.kept(f"part {part}", lambda: self._part(low, high)))
 
     def ground_image(self, recording: Recording) -> SceneImage | None:
-        """The reference image of a clip or its colored label map; None if the file is not in the data folder."""
-        if not datasets.present("sdd", [f"reference/{recording.name}.jpg"]):
-            return None
-        image = self._scene_image(recording.name, 1)
-        if self.background == "photo":
-            return image
-        return None if image.labels is None else dataclasses.replace(image, photo=LABEL_COLORS[image.labels])
+        """The reference image of a clip, or its colored label map; None if the files are not in the data folder."""
+        photo, labels = _image_names(recording.name)
+        needed = [photo, *([labels] if self.background == "labels" else [])]
+        return self._scene_image(recording.name, 1) if datasets.present("sdd", needed) == needed else None
 
     def observed_image(self, recording: Recording) -> SceneImage | None:
         """The reference image of a clip, a quarter as wide and high, if ``image`` is set."""
@@ -283,10 +283,10 @@ class Sdd(RecordedDomain):
 
     def _scene_image(self, clip: str, shrink: int) -> SceneImage:
         def read() -> SceneImage:
-            photo, mask = f"reference/{clip}.jpg", f"masks/{clip}.png"
-            masks = datasets.present("sdd", [mask])
+            photo, mask = _image_names(clip)
             path = datasets.locate("sdd", photo)
-            labels = datasets.locate("sdd", mask) if masks else None
+            labelled = self.background == "labels" or datasets.present("sdd", [mask])
+            labels = datasets.locate("sdd", mask) if labelled else None
             image = read_scene_image(path, labels, self._scale(clip), shrink)
             rows = self.kept("positions", self._positions)
             reach = rows.xy[rows.clip == rows.clips.index(clip)].max(axis=0)
@@ -297,9 +297,16 @@ class Sdd(RecordedDomain):
                     f"people of {clip} reach {reach.tolist()}. It is the image of another clip or was scaled: get it "
                     "again."
                 )
+            if self.background == "labels" and image.labels is not None:
+                return dataclasses.replace(image, photo=LABEL_COLORS[image.labels])
             return image
 
         return self.kept(f"image of {clip}, {shrink}", read)
+
+
+def _image_names(clip: str) -> tuple[str, str]:
+    """Names of the reference image and of the label map of a clip."""
+    return f"reference/{clip}.jpg", f"masks/{clip}.png"
 
 
 def mean_speeds(rows: Positions, start: np.ndarray, person: np.ndarray) -> np.ndarray:

@@ -110,8 +110,8 @@ def leak_probe(
     The first play uses the original data, the second play uses changed data. The changed data moves positions by
     metres. On the stream clock people also leave, are lost for a while or enter, and frames disappear or are added. The
     probe changes the return value of the domain's ``recordings``; the library cuts windows and steps ``ForecastEnv`` as
-    usual. The probe compares who is observed, histories, rewards and ends, revealed truth, forecasts and the
-    predictor's state. In the second play the predictor is shown the observations of the first play, and the environment
+    usual. The probe compares who is observed, histories, images of the ground, rewards and ends, revealed truth,
+    forecasts and the predictor's state. In the second play the predictor is shown the observations of the first play, and the environment
     gets the same forecasts, so each leak is reported where it arises. On the stream clock the predictor observes
     revealed truth in whole scenes; on the windows clock, as in ``evaluate``, it observes the reference scenes alone.
     The probe also calls ``features`` with other observed steps, since data that a domain stores itself does not change

@@ -22,7 +22,12 @@ def test_predictors_are_accepted_on_a_domain(spec):
     "spec", [*catalog.DOMAINS, "eth:alpha=64", "eth:alpha=8,sigma=past,reference_share=0.2,stride=3"]
 )
 def test_shipped_domains_are_accepted(spec):
-    spec = {"orca": "orca:scenes=16", "tracks": f"tracks:path={walks_file()},fps=25"}.get(spec, spec)
+    small = {
+        "orca": "orca:scenes=16",
+        "tracks": f"tracks:path={walks_file()},fps=25",
+        "sdd": "sdd:scene=quad,form=clips",
+    }
+    spec = small.get(spec, spec)
     try:
         catalog.domain(spec).windows("test")
     except DataError as error:

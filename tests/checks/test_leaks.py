@@ -16,15 +16,20 @@ from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
 from tests.walks import walks_file
 
-SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}}
+SMALL = {
+    "orca": {"scenes": 16},
+    "tracks": {"path": walks_file(), "fps": 25},
+    "sdd": {"scene": "quad", "form": "clips", "image": True},
+}
 ORACLES = [name for name, entry in catalog.PREDICTORS.items() if entry.summary.startswith("oracle")]
 
 
 @pytest.fixture
 def data(request):
     """Skip a place whose recordings are not on this computer."""
-    if not request.node.callspec.params["domain"].startswith("orca"):
-        request.getfixturevalue("eth_ucy")
+    domain = request.node.callspec.params["domain"]
+    if not domain.startswith("orca"):
+        request.getfixturevalue("sdd" if domain == "sdd" else "eth_ucy")
 
 
 # What is in the tables.
@@ -140,8 +145,8 @@ def test_features_from_the_observed_steps_pass():
 def test_ids_that_count_later_agents_are_found(monkeypatch):
     make = StreamClock.__init__
 
-    def by_id(self, *arguments):
-        make(self, *arguments)
+    def by_id(self, *arguments, **keywords):
+        make(self, *arguments, **keywords)
         rows = np.flatnonzero(self._identity >= 0)
         self._identity[rows] = np.unique(self.tracks.track[rows], return_inverse=True)[1]
 

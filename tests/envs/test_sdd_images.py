@@ -176,5 +176,8 @@ def test_label_maps_are_in_observations_and_in_pictures(sdd):
     (image,) = set(place.windows("test").observation.images)
     assert image.labels.shape == image.photo.shape[:2] == (1088 // 4, 1983 // 4)
     assert set(np.unique(image.labels)) <= {1, 2, 3, 4, 5}
-    drawn = place.replace(background="labels").ground_image(place.recordings("test")[0])
+    mapped = place.replace(background="labels")
+    drawn = mapped.ground_image(place.recordings("test")[0])
     assert len(np.unique(drawn.photo @ (1, 256, 65536))) == len(np.unique(drawn.labels)) > 2
+    assert set(mapped.windows("test").observation.images[0].photo.reshape(-1, 3)[:, 0]) <= {120, 200, 90, 190}
+    assert "later times" in place.card.source and "later times" not in mapped.card.source
