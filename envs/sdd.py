@@ -20,6 +20,7 @@ from motion_gym.data.sdd_files import (
     STEP_FRAMES,
     VIDEOS,
     Positions,
+    mean_speeds,
     read_clips,
     read_windows,
     scale_of,
@@ -141,9 +142,14 @@ class Sdd(RecordedDomain):
 
     @property
     def files(self) -> Mapping[str, str]:
-        """sha256 of each data file that this domain reads."""
-        names = [*self._names(), *([SCALES] if self.unit == "m" else [])]
-        return self.kept("digests", lambda: {name: digest(datasets.locate("sdd", name).read_bytes()) for name in names})
+        """sha256 of each data file that this domain reads; of clips that are not here, of the known ones."""
+        known = {file.name: file.sha256 for file in datasets.dataset("sdd").files}
+        names = self._names() or [name for name in map(_annotations_name, self.clips) if known[name]]
+        names += [SCALES] if self.unit == "m" else []
+        if self.image:
+            images = [name for clip in self.clips for name in _image_names(clip) if name in known]
+            names += [name for name in images if known[name] or datasets.present("sdd", [name])]
+        return {name: known[name] or digest(datasets.locate("sdd", name).read_bytes()) for name in names}
 
     @property
     def source(self) -> str:  # type: ignore[override]
@@ -204,8 +210,7 @@ class Sdd(RecordedDomain):
         """Names of the files of positions."""
         if self.form == "windows":
             return ["windows/train.csv", "windows/test.csv", "windows/labels.csv"]
-        names = [f"raw/{scene}/video{video}/annotations.txt" for scene, video in map(CLIPS.__getitem__, self.clips)]
-        return datasets.present("sdd", names)
+        return datasets.present("sdd", map(_annotations_name, self.clips))
 
     def _positions(self) -> Positions:
         """The positions of all people of the clips."""
@@ -219,9 +224,8 @@ class Sdd(RecordedDomain):
                 "--from DIR` with the official annotation folders (SCENE/videoN/annotations.txt), or read the window "
                 "tables with form=windows."
             )
-        folders = [name.split("/")[1:3] for name in names]
-        clips = [f"{scene}_{video.removeprefix('video')}" for scene, video in folders]
-        return read_clips({clip: datasets.locate("sdd", name) for clip, name in zip(clips, names, strict=True)})
+        here = {clip: _annotations_name(clip) for clip in self.clips if _annotations_name(clip) in names}
+        return read_clips({clip: datasets.locate("sdd", name) for clip, name in here.items()})
 
     def _title(self) -> str:
         return f"scene={self.scene or 'all'}, video={'all' if self.video is None else self.video}"
@@ -304,24 +308,15 @@ class Sdd(RecordedDomain):
         return self.kept(f"image of {clip}, {shrink}", read)
 
 
+def _annotations_name(clip: str) -> str:
+    """Name of the annotations of a clip."""
+    scene, video = CLIPS[clip]
+    return f"raw/{scene}/video{video}/annotations.txt"
+
+
 def _image_names(clip: str) -> tuple[str, str]:
     """Names of the reference image and of the label map of a clip."""
     return f"reference/{clip}.jpg", f"masks/{clip}.png"
-
-
-def mean_speeds(rows: Positions, start: np.ndarray, person: np.ndarray) -> np.ndarray:
-    """[P] mean speed of each person, pixels per video frame, over steps without a gap; NaN without such a step.
-
-    Args:
-        rows: Positions, sorted by person.
-        start: [P] first row of each person.
-        person: [R] number of the person of each row.
-    """
-    length = np.linalg.norm(np.diff(rows.xy, axis=0), axis=1)
-    unbroken = (np.diff(rows.frame) == STEP_FRAMES) & (np.diff(person) == 0)
-    path = np.bincount(person[1:][unbroken], length[unbroken], minlength=len(start))
-    count = np.bincount(person[1:][unbroken], minlength=len(start))
-    return np.where(count > 0, path / np.maximum(count, 1) / STEP_FRAMES, np.nan)
 
 
 def _words(name: str, value: Any, known: Any) -> list[str]:

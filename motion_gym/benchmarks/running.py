@@ -29,6 +29,7 @@ BENCHMARKS: Mapping[str, str] = {
     "pretraining": "motion_gym.benchmarks.definitions.styles:PRETRAINING",
     "online": "motion_gym.benchmarks.definitions.streams:ONLINE",
     "baselines": "motion_gym.benchmarks.definitions.places:BASELINES",
+    "sdd": "motion_gym.benchmarks.definitions.drone:SDD",
     "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
 }
 """Where each shipped benchmark is defined, by its name."""

@@ -111,11 +111,11 @@ def leak_probe(
     metres. On the stream clock people also leave, are lost for a while or enter, and frames disappear or are added. The
     probe changes the return value of the domain's ``recordings``; the library cuts windows and steps ``ForecastEnv`` as
     usual. The probe compares who is observed, histories, images of the ground, rewards and ends, revealed truth,
-    forecasts and the predictor's state. In the second play the predictor is shown the observations of the first play, and the environment
-    gets the same forecasts, so each leak is reported where it arises. On the stream clock the predictor observes
-    revealed truth in whole scenes; on the windows clock, as in ``evaluate``, it observes the reference scenes alone.
-    The probe also calls ``features`` with other observed steps, since data that a domain stores itself does not change
-    with the recordings.
+    forecasts and the predictor's state. In the second play the predictor is shown the observations of the first play,
+    and the environment gets the same forecasts, so each leak is reported where it arises. On the stream clock the
+    predictor observes revealed truth in whole scenes; on the windows clock, as in ``evaluate``, it observes the
+    reference scenes alone. The probe also calls ``features`` with other observed steps, since data that a domain stores
+    itself does not change with the recordings.
 
     The probe cannot find leaks inside ``recordings``, and it cannot find a predictor that holds the data of the split,
     because it was trained on the split or reads a file. ``possible_agents``, which PettingZoo requires, lists agents

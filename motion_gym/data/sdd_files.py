@@ -104,6 +104,21 @@ def read_clips(paths: Mapping[str, Path]) -> Positions:
     return Positions.of(clip, rows["agent"], rows["frame"], xy, np.char.lower(rows["label"]))
 
 
+def mean_speeds(rows: Positions, start: np.ndarray, person: np.ndarray) -> np.ndarray:
+    """[P] mean speed of each person, pixels per video frame, over steps without a gap; NaN without such a step.
+
+    Args:
+        rows: Positions, sorted by person.
+        start: [P] first row of each person.
+        person: [R] number of the person of each row.
+    """
+    length = np.linalg.norm(np.diff(rows.xy, axis=0), axis=1)
+    unbroken = (np.diff(rows.frame) == STEP_FRAMES) & (np.diff(person) == 0)
+    path = np.bincount(person[1:][unbroken], length[unbroken], minlength=len(start))
+    count = np.bincount(person[1:][unbroken], minlength=len(start))
+    return np.where(count > 0, path / np.maximum(count, 1) / STEP_FRAMES, np.nan)
+
+
 def read_annotations(path: Path, content: bytes | None = None) -> np.ndarray:
     """The rows of a file of annotations, as they are: [R] of the type ``ANNOTATION``.
 
