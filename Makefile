@@ -62,7 +62,7 @@ check: $(VENV)/.ready
 # `published` is left out: its external programs need checkouts, see examples/published/README.md.
 # The stored runs, the tables and the figures of all benchmarks, from scratch: about two and a half hours on two cores.
 results: $(VENV)/.ready
-	cd $(ROOT) && for name in baselines spurious places original style crowd transfer refinement pretraining online \
+	cd $(ROOT) && for name in baselines sdd spurious places original style crowd transfer refinement pretraining online \
 	    vehicles vehicles_spurious; do \
 	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results || exit 1; \
 	  done

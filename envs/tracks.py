@@ -16,7 +16,7 @@ from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.storage import digest
 from motion_gym.data.track_files import Reading, TrackFile, find_files, read_track_files
 from motion_gym.data.windows import Tracks as Cut
-from motion_gym.specs import format_spec, whole_number
+from motion_gym.specs import format_spec, three_shares, whole_number
 
 SHARES = (0.6, 0.2, 0.2)
 """Shares of the time for train, val and test."""
@@ -92,7 +92,7 @@ class Tracks(RecordedDomain):
         if self.reading.columns is not None:
             columns = " ".join(f"'{c}'" if " " in str(c) else str(c) for c in self.reading.columns)
         self.others = _paths(sources)
-        stated = None if split is None else _shares(split)
+        stated = None if split is None else three_shares(split)
         self._stated = (0.0, 0.0, 1.0) if stated is None and self.others else stated
         self._parameters: dict[str, Any] = {
             "path": os.fspath(path),
@@ -255,18 +255,3 @@ def _paths(sources: Any) -> tuple[str, ...]:
     for other in listed:
         find_files(other)
     return tuple(map(os.fspath, listed))
-
-
-def _shares(split: Any) -> tuple[float, float, float]:
-    """Shares of train, val and test, from a text or a sequence."""
-    try:
-        shares = [float(share) for share in (split.split() if isinstance(split, str) else split)]
-    except (TypeError, ValueError):
-        shares = []
-    right = len(shares) == 3 and all(0 <= share <= 1 for share in shares) and 0 < sum(shares) <= 1 + 1e-9
-    if not right:
-        raise SpecError(
-            f"split={split!r} must be three shares of the time, for train, val and test, each 0 or more, at most 1 in "
-            "all: split='0.6 0.2 0.2', or split='0 0 1' to score all of the file."
-        )
-    return shares[0], shares[1], shares[2]

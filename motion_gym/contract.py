@@ -11,9 +11,12 @@ import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from motion_gym.data.scene_images import SceneImage
 
 HISTORY = 8
 """Number of observed steps."""
@@ -147,6 +150,8 @@ class Observation:
         dt: Seconds per step.
         time: [S] int64, last observed listed frame of each scene, counted over all recordings of the split or stream.
             Time and ``agent`` together identify a scene, even if two scenes look alike. None if not known.
+        images: [S] image of the ground of each scene; scenes of one recording share one. None if the domain does not
+            give every scene an image.
     """
 
     history: np.ndarray
@@ -154,6 +159,7 @@ class Observation:
     agent: np.ndarray
     dt: float
     time: np.ndarray | None = None
+    images: tuple[SceneImage, ...] | None = None
 
     def __len__(self) -> int:
         """Number of agents, all scenes together."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import difflib
+import keyword
 import math
 import re
 import warnings
@@ -42,6 +43,11 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
     >>> parse_spec("my_module:Tracks:path='a,b.txt',columns=(0, 1, 2, 4)")
     ('my_module:Tracks', {'path': 'a,b.txt', 'columns': (0, 1, 2, 4)})
 
+    A key that is a keyword of Python stands for the argument with an underscore behind it.
+
+    >>> parse_spec("sdd:class=biker")
+    ('sdd', {'class_': 'biker'})
+
     Raises:
         SpecError: a part that should be ``key=value`` is not, or a key is there twice.
     """
@@ -53,6 +59,7 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
     while at < len(text):
         match = _PARAMETER.match(text, at)
         key = match[1].strip() if match else ""
+        key += "_" * keyword.iskeyword(key)
         if match is None or not key.isidentifier():
             raise SpecError(
                 f"`{text[at:].split(',')[0]}` in `{spec}` is not a parameter. Write `name:key=value,key=value`, as in "
@@ -102,6 +109,21 @@ def number(
     return float(value)
 
 
+def three_shares(split: Any) -> tuple[float, float, float]:
+    """Shares of the time for train, val and test, from a text or a sequence; SpecError for others."""
+    try:
+        shares = [float(share) for share in (split.split() if isinstance(split, str) else split)]
+    except (TypeError, ValueError):
+        shares = []
+    right = len(shares) == 3 and all(0 <= share <= 1 for share in shares) and 0 < sum(shares) <= 1 + 1e-9
+    if not right:
+        raise SpecError(
+            f"split={split!r} must be three shares of the time, for train, val and test, each 0 or more, at most 1 in "
+            "all: split='0.6 0.2 0.2', or split='0 0 1' to score all of the file."
+        )
+    return shares[0], shares[1], shares[2]
+
+
 def one_of(name: str, value: Any, words: Collection[str], owner: str = "") -> str:
     """The value, if it is one of the words; SpecError otherwise."""
     if not isinstance(value, str) or value not in words:
@@ -111,7 +133,8 @@ def one_of(name: str, value: Any, words: Collection[str], owner: str = "") -> st
 
 def format_spec(name: str, parameters: dict[str, Any]) -> str:
     """Write a spec that ``parse_spec`` reads back."""
-    return name + (":" if parameters else "") + ",".join(f"{k}={_text(v)}" for k, v in parameters.items())
+    keys = {key: key[:-1] if keyword.iskeyword(key[:-1]) and key[-1:] == "_" else key for key in parameters}
+    return name + (":" if parameters else "") + ",".join(f"{keys[k]}={_text(v)}" for k, v in parameters.items())
 
 
 def _text(value: Any) -> str:

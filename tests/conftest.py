@@ -27,3 +27,19 @@ def eth_ucy():
     missing = [state.file for state in datasets.verify("eth_ucy") if state.state != "ok"]
     if missing:
         pytest.skip(f"ETH-UCY is not here ({', '.join(missing)}): motion-gym data fetch eth_ucy")
+
+
+@pytest.fixture(scope="session")
+def sdd():
+    """Skip a test if the Stanford Drone Dataset, in both forms and with its images, is not on this computer."""
+    from motion_gym.data import datasets
+
+    needed = [
+        *("windows/train.csv", "windows/test.csv", "windows/labels.csv", "estimated_scales.yaml"),
+        *(f"raw/{clip}/annotations.txt" for clip in ("quad/video0", "quad/video1", "quad/video3", "hyang/video8")),
+        *("raw/hyang/video9/annotations.txt", "raw/deathCircle/video2/annotations.txt"),
+        *("reference/quad_0.jpg", "masks/quad_0.png"),
+    ]
+    missing = set(needed) - set(datasets.present("sdd", needed))
+    if missing:
+        pytest.skip(f"SDD is not here ({', '.join(sorted(missing))}): motion-gym data add sdd --from DIR")

@@ -32,6 +32,7 @@ BENCHMARKS: Mapping[str, str] = {
     "vehicles": "motion_gym.benchmarks.definitions.traffic:VEHICLES",
     "vehicles_spurious": "motion_gym.benchmarks.definitions.traffic:VEHICLES_SPURIOUS",
     "baselines": "motion_gym.benchmarks.definitions.places:BASELINES",
+    "sdd": "motion_gym.benchmarks.definitions.drone:SDD",
     "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
 }
 """Where each shipped benchmark is defined, by its name."""

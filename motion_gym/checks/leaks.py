@@ -110,12 +110,12 @@ def leak_probe(
     The first play uses the original data, the second play uses changed data. The changed data moves positions by
     metres. On the stream clock people also leave, are lost for a while or enter, and frames disappear or are added. The
     probe changes the return value of the domain's ``recordings``; the library cuts windows and steps ``ForecastEnv`` as
-    usual. The probe compares who is observed, histories, rewards and ends, revealed truth, forecasts and the
-    predictor's state. In the second play the predictor is shown the observations of the first play, and the environment
-    gets the same forecasts, so each leak is reported where it arises. On the stream clock the predictor observes
-    revealed truth in whole scenes; on the windows clock, as in ``evaluate``, it observes the reference scenes alone.
-    The probe also calls ``features`` with other observed steps, since data that a domain stores itself does not change
-    with the recordings.
+    usual. The probe compares who is observed, histories, images of the ground, rewards and ends, revealed truth,
+    forecasts and the predictor's state. In the second play the predictor is shown the observations of the first play,
+    and the environment gets the same forecasts, so each leak is reported where it arises. On the stream clock the
+    predictor observes revealed truth in whole scenes; on the windows clock, as in ``evaluate``, it observes the
+    reference scenes alone. The probe also calls ``features`` with other observed steps, since data that a domain stores
+    itself does not change with the recordings.
 
     The probe cannot find leaks inside ``recordings``, and it cannot find a predictor that holds the data of the split,
     because it was trained on the split or reads a file. ``possible_agents``, which PettingZoo requires, lists agents
@@ -217,8 +217,10 @@ def _play(stage: Stage, predictor: Any, stop: int, seed: int, first: _Tape | Non
         tape.states[START] = _state(predictor, stage.domain)
         while env.agents and (now := stage.time(env)) <= stop:
             names = list(env.agents)
-            seen = observation_from_dict(observations, dt, names)
+            seen = observation_from_dict(observations, dt, names, images=env.images)
             tape.rows[now, "histories"] = names, seen.history
+            if seen.images is not None:
+                tape.rows[now, "images of the ground"] = names, np.array([[seen.images[0].digest]] * len(names))
             if first is not None and (now not in first.shown or first.rows[now, "histories"][0] != names):
                 break
             shown = tape.shown[now] = seen if first is None else first.shown[now]

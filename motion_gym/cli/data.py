@@ -48,15 +48,20 @@ def data(
         states = datasets.add(name, source)
     else:
         states = datasets.fetch(name) if action == "fetch" else datasets.verify(name)
-    for state in states:
+    in_parts = datasets.dataset(name).in_parts
+    listed = [state for state in states if state.state != "missing" or not in_parts]
+    for state in listed:
         color = "green" if state.state == "ok" else "red"
         console.print(
             f"  [{color}]{state.state:8}[/{color}] {escape(str(state.path))}", highlight=False, soft_wrap=True
         )
-    bad = [state for state in states if state.state != "ok"]
-    if bad:
+    say(f"terms: {datasets.dataset(name).terms}")
+    bad = [state for state in listed if state.state != "ok"]
+    if bad or not listed:
         raise DataError(
-            f"{len(bad)} of {len(states)} files of {name} are missing or damaged: `motion-gym data fetch {name}`, or "
-            f"`motion-gym data add {name} --from DIR`."
+            f"{len(bad) or len(states)} of {len(states)} files of {name} are missing or damaged: "
+            + ("" if in_parts else f"`motion-gym data fetch {name}`, or ")
+            + f"`motion-gym data add {name} --from DIR`."
         )
-    say(f"{name}: all {len(states)} files are here and whole.")
+    some = f"{len(listed)} of {len(states)} files are here and whole; each form can be used without the other"
+    say(f"{name}: {some if len(listed) < len(states) else f'all {len(states)} files are here and whole'}.")

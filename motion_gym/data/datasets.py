@@ -5,45 +5,15 @@ from __future__ import annotations
 import os
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from motion_gym.catalog import suggest
 from motion_gym.contract import DataError, MotionGymError, SpecError
+from motion_gym.data.known_datasets import DATASETS, DataFile, DataSet
 from motion_gym.data.storage import StorageError, data_folder, digest, write_atomic
-
-
-@dataclass(frozen=True)
-class DataFile:
-    """One file of a data set.
-
-    Attributes:
-        name: Name in the folder of the data set.
-        sha256: Checksum in hexadecimal.
-        size: Size in bytes.
-        address: URL of the file.
-        aliases: Other names under which the file is distributed.
-    """
-
-    name: str
-    sha256: str
-    size: int
-    address: str
-    aliases: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class DataSet:
-    """A data set: its files, their source and their terms of use."""
-
-    name: str
-    title: str
-    source: str
-    terms: str
-    citation: str
-    files: tuple[DataFile, ...]
 
 
 @dataclass(frozen=True)
@@ -55,54 +25,6 @@ class FileState:
     size: int
     sha256: str
     path: Path
-
-
-# The folder, in a public repository and at a fixed commit, from which most of the field takes these files.
-_TRAJECTRON = (
-    "https://raw.githubusercontent.com/StanfordASL/Trajectron-plus-plus/"
-    "40dec06e9cfef9e0d5f5ec69da2c4058a556bba9/experiments/pedestrians/raw/raw/all_data/"
-)
-_OPENTRAJ = (
-    "https://raw.githubusercontent.com/crowdbotp/OpenTraj/3000c022dac1ecc2e34b3ff0fa2bb531151bf0b1/datasets/ETH/"
-)
-_ETH_UCY = (
-    ("biwi_eth.txt", "cf8d3fd342a15f409ebc2a1fc76b91a0f06390bd21f1e11410f3859331ab082b", 116970),
-    ("biwi_hotel.txt", "9caa771bb9153d6b809dd0916b6f86761b641e6bbb15e766c1de3133fbbb7fcf", 143799),
-    ("crowds_zara01.txt", "1147a1962a09abfb86f28c6cddcac862e095a0cf129b3016385b69eacdd09d85", 205711),
-    ("crowds_zara02.txt", "8a649d0f8c9ae75c87c4d23a85f892786b0aa30266e996c7be03e69dafff22ff", 392227),
-    ("crowds_zara03.txt", "16b3e899932c4baacd07f45013d5b921f90bc5a29eb2b0fe42f4d7c904ac3108", 199834),
-    ("students001.txt", "a6d87f278d94136fe39b8be91555487a29ac77259ae403b9dba2d5c18caf7b5b", 879714),
-    ("students003.txt", "e25798b660634330aa89f8bb259425de720e84d0873902726c1d1f4ccff21d6c", 724279),
-    ("uni_examples.txt", "61f432c0ab3070ed0ef150fbeabcd7baf839cab5495a46e6105bd747f0a092a7", 109307),
-)
-
-DATASETS: Mapping[str, DataSet] = {
-    "eth_ucy": DataSet(
-        name="eth_ucy",
-        title="ETH-UCY: BIWI walking pedestrians (ETH) and crowds by example (UCY)",
-        source=(
-            "the text files first distributed with Social-GAN, in github.com/StanfordASL/Trajectron-plus-plus"
-            " under experiments/pedestrians/raw/raw/all_data, and the original annotation of eth, in "
-            "github.com/crowdbotp/OpenTraj under datasets/ETH/seq_eth/obsmat.txt"
-        ),
-        terms="UCY: free for use, as long as the authors give credit. ETH: none stated.",
-        citation=(
-            "Pellegrini, Ess, Schindler, van Gool: You'll never walk alone: modeling social behavior for "
-            "multi-target tracking. ICCV 2009. Lerner, Chrysanthou, Lischinski: Crowds by example. Computer "
-            "Graphics Forum 26(3), 2007."
-        ),
-        files=(
-            *(DataFile(name, sha256, size, _TRAJECTRON + name) for name, sha256, size in _ETH_UCY),
-            DataFile(
-                "biwi_eth_obsmat_6frame.txt",
-                "d452ae2185ecb1164c2fdf31e75f6236f4c2ffc02c751a6b2ae921740cbc60d1",
-                1158040,
-                _OPENTRAJ + "seq_eth/obsmat.txt",
-                aliases=("obsmat.txt",),
-            ),
-        ),
-    ),
-}
 
 
 def dataset(name: str) -> DataSet:
@@ -121,6 +43,16 @@ def verify(name: str) -> list[FileState]:
     return [_state(name, file) for file in dataset(name).files]
 
 
+def path_of(name: str, file: str = "") -> Path:
+    """Where a file of a data set belongs, whether it is there or not."""
+    return data_folder() / dataset(name).name / file
+
+
+def present(name: str, files: Iterable[str]) -> list[str]:
+    """Those of some files of a data set that are there; their bytes are not checked."""
+    return [file for file in files if path_of(name, file).exists()]
+
+
 def listing() -> list[tuple[DataSet, list[FileState]]]:
     """Every data set with the state of each of its files."""
     return [(entry, verify(entry.name)) for entry in DATASETS.values()]
@@ -129,11 +61,11 @@ def listing() -> list[tuple[DataSet, list[FileState]]]:
 def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
     """Copy the files of a data set into the data folder, from anywhere below a source folder.
 
-    Files are found by name and must have the expected bytes; if a file differs, nothing is copied. The returned rows
-    tell which files are still missing.
+    Files are found by name, or by the end of their path, and must have the expected bytes; a file whose bytes are not
+    known must be readable. If a file differs, nothing is copied. The returned rows tell which files are still missing.
 
     Raises:
-        DataError: A file differs, or no file was found.
+        DataError: A file differs or cannot be read, or no file was found.
         StorageError: A file could not be written to the data folder; the message names the files that were written.
     """
     entry, source = dataset(name), Path(source_dir).expanduser()
@@ -144,12 +76,19 @@ def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
     different: dict[str, str] = {}
     for folder, folders, names in os.walk(source):
         folders.sort()
-        for path in (Path(folder, each) for each in sorted(names) if each in wanted):
-            file = wanted[path.name]
-            content = b"" if file.name in right else _bytes(path)
-            if file.name not in right and digest(content) == file.sha256:
+        for path in (Path(folder, each).absolute() for each in sorted(names)):
+            ends = ("/".join(path.parts[-length:]) for length in (4, 3, 2, 1))
+            end = next((end for end in ends if end in wanted), None)
+            if end is None or wanted[end].name in right:
+                continue
+            file, content = wanted[end], _bytes(path)
+            if digest(content) == file.sha256:
                 right[file.name] = content
-            elif file.name not in right and path.name == file.name:  # an alias may name unrelated files
+            elif not file.sha256:
+                if file.check is not None:
+                    file.check(path, content)
+                right[file.name] = content
+            elif end == file.name or "/" in end:  # a short alias may name unrelated files
                 different.setdefault(file.name, f"{path}: {_difference(file, content)}")
     wrong = [message for each, message in different.items() if each not in right]
     if wrong:
@@ -158,7 +97,8 @@ def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
             "the expected ones:\n  " + "\n  ".join(wrong) + f"\nGet them again: {entry.source}."
         )
     if not right:
-        names_wanted = ", ".join(file.name for file in entry.files)
+        shown = entry.files[:12]
+        names_wanted = ", ".join(file.name for file in shown) + (", ..." if len(shown) < len(entry.files) else "")
         raise DataError(f"{name}: none of its files is in {source} or below. Looked for: {names_wanted}.")
     for number, (each, content) in enumerate(right.items()):
         _write(name, each, content, list(right)[:number])
@@ -181,6 +121,11 @@ def fetch(name: str, base: str | None = None) -> list[FileState]:
     pooch.get_logger().setLevel("WARNING")  # pooch would report the temporary folder below
     missing = {state.file for state in verify(name) if state.state != "ok"}
     files = [file for file in dataset(name).files if file.name in missing]
+    if base is None and any(not file.address for file in files):
+        raise DataError(
+            f"{name} cannot be downloaded by motion-gym. Its terms: {dataset(name).terms} Get it from "
+            f"{dataset(name).source}; then run `motion-gym data add {name} --from DIR`."
+        )
     address = {file.name: f"{base.rstrip('/')}/{file.name}" if base else file.address for file in files}
     # Into a temporary folder: pooch writes files that no other user can read, which breaks shared data folders.
     with tempfile.TemporaryDirectory() as folder:
@@ -207,8 +152,9 @@ def locate(name: str, file: str) -> Path:
     if row.state == "ok":
         return row.path
     remedy = (
-        f"Run `motion-gym data fetch {name}` to download it, or `motion-gym data add {name} --from DIR` if "
-        f"you have the files, or set MOTION_GYM_DATA to the folder that holds {name}/."
+        f"Run {f'`motion-gym data fetch {name}` to download it, or ' if files[file].address else ''}"
+        f"`motion-gym data add {name} --from DIR` if you have the files, or set MOTION_GYM_DATA to the folder that "
+        f"holds {name}/."
     )
     if row.state == "missing":
         inside = f" ({data_folder() / file} exists: MOTION_GYM_DATA must name the folder above it.)"
@@ -228,7 +174,11 @@ def _state(name: str, file: DataFile, remember: bool = False) -> FileState:
     except OSError as error:
         raise _unreadable(path, error) from None
     seen = (str(path.absolute()), status.st_size, status.st_mtime_ns, file.sha256)
-    whole = (remember and seen in _verified) or (status.st_size == file.size and digest(_bytes(path)) == file.sha256)
+    whole = (
+        not file.sha256
+        or (remember and seen in _verified)
+        or (status.st_size == file.size and digest(_bytes(path)) == file.sha256)
+    )
     if whole:
         _verified.add(seen)
     return FileState(file.name, "ok" if whole else "damaged", file.size, file.sha256, path)

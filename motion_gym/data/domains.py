@@ -12,6 +12,7 @@ import numpy as np
 
 from motion_gym.catalog import format_spec, suggest
 from motion_gym.contract import HISTORY, Card, DataError, Domain, Recording, SpecError, Truth
+from motion_gym.data.scene_images import SceneImage
 from motion_gym.data.windows import Tracks, counts, cut_windows, empty_truth, recorded_counts
 
 Kept = TypeVar("Kept")
@@ -80,6 +81,17 @@ class RecordedDomain:
     def side_channels(self, positions: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Features that read the future: [A, 20, 2] float64, [A, 20] bool -> [A, 8, len(side_channel_names)]."""
         return np.zeros((len(positions), HISTORY, 0))
+
+    def ground_image(self, recording: Recording) -> SceneImage | None:
+        """The image of the ground that pictures of a recording show, in the frame of the source; None for none."""
+        return self.observed_image(recording)
+
+    def observed_image(self, recording: Recording) -> SceneImage | None:
+        """The image of the ground that observations of a recording hold, in the frame of the source; None for none.
+
+        The image must not depend on where people are in the recording, which would show their future.
+        """
+        return None
 
     def ground_lines(self) -> Sequence[tuple[np.ndarray, bool]]:
         """Lines on the ground, as of lanes, that pictures show: points [P, 2] as in the source, and whether dashed."""
@@ -169,7 +181,7 @@ class RecordedDomain:
                     f"recording {recording.name} of domain `{self.name}` has steps of {recording.dt:g} s, and the "
                     f"domain steps of {self.dt:g} s (`dt`): make them the same."
                 )
-        tracks = [Tracks.of(recording) for recording in recordings]
+        tracks = [Tracks.of(recording, self.observed_image(recording)) for recording in recordings]
         if tracks:
             truth = cut_windows(tracks, self.history, self.min_agents, self.stride)
         else:
@@ -186,6 +198,11 @@ class RecordedDomain:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.parameters.items())})"
+
+
+def observed_images(domain: Domain, recordings: Sequence[Recording]) -> list[SceneImage | None]:
+    """The image of the ground that observations of each recording hold, None for those without."""
+    return [getattr(domain, "observed_image", lambda _: None)(recording) for recording in recordings]
 
 
 def spec_of(domain: Domain) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 
 from motion_gym.contract import Domain, Recording
 
-SHARED_ROWS = 2
-"""Rows of a person that both sets must share; one equal row may be chance, as a common starting point."""
+SHARED_ROWS = 3
+"""Rows of a person that both sets must share; fewer may be chance, as a common starting point or whole pixels."""
 SHARED_SAMPLES = 0.5
 """Share of a person's samples in a file that another file must hold; whole pixels of one frame to the next may agree
 by chance."""
@@ -19,7 +19,7 @@ by chance."""
 def shared_people(shown: Sequence[Recording], scored: Sequence[Recording], share: float = 0.0) -> int:
     """Number of people of ``shown`` who are also in ``scored`` at the same time.
 
-    A person is in both sets if at least two rows agree in one of two ways, to the bit: frame, agent and position; or
+    A person is in both sets if at least three rows agree in one of two ways, to the bit: frame, agent and position; or
     two consecutive positions between which the person moves, whatever the frame numbers and ids are. This recognises a
     recording that begins later, is renumbered, or is cut differently, but not a recording that is resampled or moved;
     the ``world`` of its domain identifies the latter.

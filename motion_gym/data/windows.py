@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ from motion_gym.contract import FUTURE, HISTORY, WINDOW, DataError, Observation,
 from motion_gym.data import storage
 from motion_gym.data.frame_times import usual_distance
 from motion_gym.data.recordings import check_recording
+from motion_gym.data.scene_images import SceneImage
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(positions [A, 20, 2] float64, known [A, 20] bool) -> history [A, 8, F]; positions are zero where not known."""
@@ -37,6 +39,7 @@ class Tracks:
         left: [R] int64, rows of the same track after this one.
         ticks: Number of steps.
         dt: Seconds per step.
+        image: The image of the ground that observations hold, relative to the origin of the recording; None for none.
     """
 
     tick: np.ndarray
@@ -47,10 +50,11 @@ class Tracks:
     left: np.ndarray
     ticks: int
     dt: float
+    image: SceneImage | None = None
 
     @classmethod
-    def of(cls, recording: Recording) -> Tracks:
-        """Sort and cut a recording, after checking it.
+    def of(cls, recording: Recording, image: SceneImage | None = None) -> Tracks:
+        """Sort and cut a recording, after checking it; ``image`` is the one that its observations hold.
 
         Raises:
             DataError: A column has the wrong shape or type, or a row is bad.
@@ -73,7 +77,8 @@ class Tracks:
         if recording.origin.any():
             # Rounded, since float64 resolves less far from zero, which would change the last bits of differences.
             xy = np.round(xy - recording.origin, DECIMALS)
-        return cls(tick, track, agent, xy, age, left, int(steps.max(initial=-1)) + 1, recording.dt)
+        image = None if image is None else image.relative_to(recording.origin)
+        return cls(tick, track, agent, xy, age, left, int(steps.max(initial=-1)) + 1, recording.dt, image)
 
     def complete(self) -> np.ndarray:
         """Rows that are the last observed step of 20 consecutive steps of an agent."""
@@ -103,7 +108,8 @@ class Tracks:
         """
         positions, known = self.around(row)
         history = features(positions, known).astype(np.float32)
-        observation = Observation(history, scene, agent, self.dt, self.tick[row[scene[:-1]]] + before)
+        images = None if self.image is None else (self.image,) * (len(scene) - 1)
+        observation = Observation(history, scene, agent, self.dt, self.tick[row[scene[:-1]]] + before, images)
         return Truth(positions[:, HISTORY:].astype(np.float32), known[:, HISTORY:], observation)
 
 
@@ -210,12 +216,14 @@ def stack_observations(parts: Sequence[Observation]) -> Observation:
     if len(parts) == 1:
         return parts[0]
     times = [part.time for part in parts if part.time is not None]
+    images = [part.images for part in parts if part.images is not None]
     return Observation(
         np.concatenate([part.history for part in parts]),
         offsets(np.concatenate([np.diff(part.scene) for part in parts])),
         np.concatenate([part.agent for part in parts]),
         parts[0].dt,
         np.concatenate(times) if len(times) == len(parts) else None,
+        tuple(itertools.chain(*images)) if len(images) == len(parts) else None,
     )
 
 
@@ -231,7 +239,10 @@ def pick_scenes_of(observation: Observation, scenes: np.ndarray | list[int] | sl
     sizes = observation.scene[1:][scenes] - observation.scene[:-1][scenes]
     scene = offsets(sizes)
     time = None if observation.time is None else observation.time[scenes]
-    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt, time)
+    images = observation.images
+    if images is not None:
+        images = tuple(images[number] for number in np.arange(observation.scenes)[scenes].tolist())
+    return Observation(observation.history[rows], scene, observation.agent[rows], observation.dt, time, images)
 
 
 def rows_of(observation: Observation, scenes: np.ndarray | list[int] | slice) -> np.ndarray:
@@ -275,6 +286,12 @@ def check_truth(truth: Any, name: str) -> Truth:
     if not len(seen.scene) or seen.scene[0] != 0 or seen.scene[-1] != agents or (sizes < 1).any():
         raise DataError(
             f"{name}: scene must rise from 0 to the {agents} agents, with at least one agent in each scene."
+        )
+    if seen.images is not None and (
+        len(seen.images) != seen.scenes or not all(isinstance(image, SceneImage) for image in seen.images)
+    ):
+        raise DataError(
+            f"{name}: images must be None or a tuple of {seen.scenes} SceneImage objects, one for each scene."
         )
     order, scene = np.lexsort((seen.agent, seen.scene_index)), seen.scene_index
     if ((np.diff(seen.agent[order]) == 0) & (np.diff(scene[order]) == 0)).any():

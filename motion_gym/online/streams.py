@@ -12,7 +12,7 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.contract import WINDOW, Domain, Recording, SpecError
-from motion_gym.data.domains import spec_of
+from motion_gym.data.domains import observed_images, spec_of
 from motion_gym.data.windows import frames_by_step, positions_only
 from motion_gym.specs import one_of
 from motion_gym.stepping.stream_clock import StreamClock
@@ -85,7 +85,8 @@ class Stream:
         parts = [recording for cut in cuts for recording in cut]
         self.ends = np.cumsum([sum(len(frames_by_step(recording)) for recording in cut) for cut in cuts])
         """[segments] step of the stream behind each segment."""
-        self.clock = StreamClock(parts, features)
+        images = [i for p, cut in zip(places, cuts, strict=True) for i in observed_images(p, cut)]
+        self.clock = StreamClock(parts, features, images=images)
         self.dt = self.clock.dt
         self.name = name if name is not None else " -> ".join(self.labels)
         if not len(self.clock.times):

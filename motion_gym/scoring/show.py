@@ -21,13 +21,14 @@ from matplotlib.figure import Figure
 from motion_gym import catalog
 from motion_gym.contract import HISTORY, MOST_SAMPLES, WINDOW, Domain, Forecast, Predictor, SpecError, Truth
 from motion_gym.data.domains import RecordedDomain, spec_of
+from motion_gym.data.scene_images import SceneImage
 from motion_gym.data.storage import write_atomic
 from motion_gym.data.windows import pick_scenes
 from motion_gym.metrics.errors import ade, min_ade
 from motion_gym.scoring.shown import show_references
 from motion_gym.specs import number, whole_number
 from motion_gym.stepping.harness import ask, copied, name_of, ready, windows_of_domain
-from motion_gym.stepping.render import draw_ground
+from motion_gym.stepping.render import Places, draw_ground
 
 FORMATS = (".png", ".svg", ".pdf", ".gif", ".mp4")
 """Endings of the files that ``show`` writes."""
@@ -60,6 +61,7 @@ class DrawnScene:
         unit: Unit of positions.
         origin: [2] float64, added to the coordinates that the axes show.
         ground: ``ground_lines`` of the domain, drawn if there is an origin.
+        image: Image of the ground, in the frame of the observation.
     """
 
     truth: Truth
@@ -68,6 +70,7 @@ class DrawnScene:
     unit: str = "m"
     origin: np.ndarray | None = None
     ground: Sequence[tuple[np.ndarray, bool]] = ()
+    image: SceneImage | None = None
 
 
 def show(
@@ -122,11 +125,13 @@ def show(
         name = predictor if isinstance(predictor, str) else name_of(instance)
         name = f"{name} ({len(forecasts) + 1})" if name in forecasts else name
         forecasts[name] = ask(instance, truth.observation, k, seed)
-    origins = np.unique([recording.origin for recording in place.recordings(split)], axis=0)
+    recordings = place.recordings(split)
+    origins = np.unique([recording.origin for recording in recordings], axis=0)
     drawn = DrawnScene(
         truth, forecasts, f"{spec_of(place)}, {split}, scene {index}", place.card.unit,
         origins[0] if len(origins) == 1 else None,
         place.ground_lines() if isinstance(place, RecordedDomain) else (),
+        Places(place, recordings).image_of(truth.observation),
     )  # fmt: skip
     picture = Picture(figsize=SIZE, dpi=150, layout="constrained")
     axes = picture.add_subplot()
@@ -167,8 +172,8 @@ def draw_scene(
     draw_paths(axes, so_far, "ground truth", color=TRUTH_COLOR, lw=1.8, ls=(0, (2, 1)))
     axes.plot(*observed[:, -1].T, "o", color=HISTORY_COLOR, ms=4)
     _frame(axes, drawn)
-    if drawn.origin is not None:
-        draw_ground(axes, drawn.ground, drawn.origin)
+    origin = drawn.origin
+    draw_ground(axes, () if origin is None else drawn.ground, np.zeros(2) if origin is None else origin, drawn.image)
 
 
 def draw_paths(axes: Axes, paths: np.ndarray, label: str | None, **style: Any) -> None:
@@ -241,7 +246,8 @@ def _frame(axes: Axes, drawn: DrawnScene) -> None:
         for axis, shift in zip((axes.xaxis, axes.yaxis), drawn.origin.tolist(), strict=True):
             axis.set_major_formatter(partial(_shifted, shift))
     length = _round_length(BAR_SHARE * (right - left))
-    x, y = left + 0.03 * (right - left), bottom + 0.04 * (top - bottom)
+    downwards = drawn.image is not None and drawn.image.pixel[1] > 0
+    x, y = left + 0.03 * (right - left), top - 0.04 * (top - bottom) if downwards else bottom + 0.04 * (top - bottom)
     axes.plot([x, x + length], [y, y], color="0.2", lw=3, solid_capstyle="butt")
     axes.annotate(f"{length:g} {drawn.unit}", (x + length / 2, y), (0, 4), textcoords="offset points", ha="center")
 

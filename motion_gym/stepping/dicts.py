@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import HISTORY, Forecast, Observation, Truth
+from motion_gym.data.scene_images import SceneImage
 from motion_gym.stepping.clocks import Settled
 
 
 def observation_from_dict(
-    observations: Mapping[str, np.ndarray], dt: float, agents: Sequence[str], time: int | None = None
+    observations: Mapping[str, np.ndarray],
+    dt: float,
+    agents: Sequence[str],
+    time: int | None = None,
+    images: tuple[SceneImage, ...] | None = None,
 ) -> Observation:
     """One scene from the observations of a PettingZoo environment.
 
@@ -21,13 +26,14 @@ def observation_from_dict(
         dt: Seconds per step (``env.domain.card.dt``).
         agents: ``env.agents``; agents that have left are in the dict too, but need no forecast.
         time: ``env.clock.time``, by which an adapter can distinguish scenes that look alike; None if not known.
+        images: ``env.images``, for predictors that see the ground.
     """
     if not agents:
         return Observation(np.zeros((0, HISTORY, 2), np.float32), np.zeros(1, np.int64), np.zeros(0, np.int64), dt)
     history = np.stack([observations[name] for name in agents])
     when = None if time is None else np.array([time])
     numbers = np.array([int(name.rsplit("_", 1)[1]) for name in agents])
-    return Observation(history, np.array([0, len(agents)]), numbers, dt, when)
+    return Observation(history, np.array([0, len(agents)]), numbers, dt, when, images)
 
 
 def forecast_to_dict(forecast: Forecast, agents: Sequence[str]) -> dict[str, np.ndarray]:
@@ -49,7 +55,10 @@ def truth_from_infos(infos: Mapping[str, Mapping[str, Any]], dt: float) -> Truth
     )
     order = np.lexsort((row, made))
     scene = np.append(np.flatnonzero(np.diff(made[order], prepend=-1)), len(made))
-    observation = Observation(history[order], scene, agent[order], dt, made[order][scene[:-1]])
+    images = None
+    if all("image" in info for info in settled):
+        images = tuple(np.concatenate([info["image"] for info in settled])[order][scene[:-1]].tolist())
+    observation = Observation(history[order], scene, agent[order], dt, made[order][scene[:-1]], images)
     return Truth(future[order], known[order], observation)
 
 
@@ -80,6 +89,8 @@ def infos_of(settled: Settled, names: Mapping[int, str]) -> dict[str, dict[str, 
         "forecast": settled.forecast.positions,
         "made": settled.made,
     }
+    if seen.images is not None:
+        columns["image"] = np.array(seen.images, object)[scene]
     columns = {key: column.take(order, axis=0) for key, column in columns.items()}
     reporter = reporter[order]
     start = np.flatnonzero(np.diff(reporter, prepend=-1))

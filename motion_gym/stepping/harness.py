@@ -161,7 +161,7 @@ def frozen(observation: Observation) -> Observation:
     """A copy of an observation with read-only arrays."""
     history, scene, agent = (_locked(a) for a in (observation.history, observation.scene, observation.agent))
     time = None if observation.time is None else _locked(observation.time)
-    return Observation(history, scene, agent, float(observation.dt), time)
+    return Observation(history, scene, agent, float(observation.dt), time, observation.images)
 
 
 def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:

@@ -166,5 +166,7 @@ class Outstanding:
         sizes = np.bincount(seen.scene_index[keep], minlength=seen.scenes)
         person = np.concatenate([person for *_, person in self._settled])[keep]
         time = None if seen.time is None else seen.time[sizes > 0]
-        observation = Observation(seen.history[keep], offsets(sizes[sizes > 0]), person, seen.dt, time)
+        there = np.flatnonzero(sizes)
+        images = None if seen.images is None else tuple(seen.images[number] for number in there.tolist())
+        observation = Observation(seen.history[keep], offsets(sizes[there]), person, seen.dt, time, images)
         return forecast.take(keep), Truth(truth.future[keep], truth.known[keep], observation)

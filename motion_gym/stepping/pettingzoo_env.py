@@ -11,6 +11,8 @@ from pettingzoo import ParallelEnv
 
 from motion_gym import catalog
 from motion_gym.contract import FUTURE, HISTORY, MOST_SAMPLES, ActionError, Domain, Forecast, PredictorError, SpecError
+from motion_gym.data.domains import observed_images
+from motion_gym.data.scene_images import SceneImage
 from motion_gym.data.windows import positions_only
 from motion_gym.specs import one_of
 from motion_gym.stepping.clocks import Settled, Step, WindowsClock
@@ -100,7 +102,9 @@ class ForecastEnv(ParallelEnv):
         if clock == "windows":
             self.clock = WindowsClock(windows_of_domain(self.domain, split))
         else:
-            self.clock = StreamClock(self.domain.recordings(split), getattr(self.domain, "history", positions_only))
+            recordings = self.domain.recordings(split)
+            images = observed_images(self.domain, recordings)
+            self.clock = StreamClock(recordings, getattr(self.domain, "history", positions_only), images=images)
         if not self.clock.size:
             raise SpecError(f"Split `{split}` of `{self.domain!r}` has no agent to observe: there is nothing to play.")
         self.samples = samples
@@ -115,6 +119,11 @@ class ForecastEnv(ParallelEnv):
         self._action_space = self._actions.space(samples)
         title, fps = f"{card.name}, {clock} clock", self.metadata["render_fps"]
         self._canvas = Canvas(render_mode, self.domain, split, title, self.clock.extent, fps)
+
+    @property
+    def images(self) -> tuple[SceneImage, ...] | None:
+        """Image of the ground of the agents observed now, for ``observation_from_dict``; None for most domains."""
+        return self._step.observation.images
 
     @property
     def ledger(self) -> Outstanding:

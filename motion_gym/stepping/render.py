@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from motion_gym.contract import FUTURE, Domain, Forecast, Observation, SpecError, Truth
+from motion_gym.contract import FUTURE, Domain, Forecast, Observation, Recording, SpecError, Truth
 from motion_gym.data.domains import RecordedDomain
+from motion_gym.data.scene_images import SceneImage
+from motion_gym.data.windows import frames_by_step
 from motion_gym.specs import one_of
 
 if TYPE_CHECKING:
@@ -21,6 +23,8 @@ WINDOWLESS = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 SIZE = (7.2, 5.4)
 """Inches; 100 pixels each."""
 GROUND_COLOR = "#a0aec0"
+PALENESS = 0.6
+"""Share of the contrast of an image of the ground that is left when it is drawn."""
 LONGEST = 6
 """Length over width of roads from which on the axes of a picture have different scales."""
 LABELLED = 12
@@ -62,12 +66,14 @@ class Canvas:
                     stacklevel=3,
                 )
         self.mode, self.title, self.extent, self.fps = mode, title, extent, fps
-        origins = {tuple(recording.origin) for recording in (domain.recordings(split) if mode else ())}
+        recordings = domain.recordings(split) if mode else ()
+        origins = {tuple(recording.origin) for recording in recordings}
         self.unit, self.origin = domain.card.unit, np.array(origins.pop() if len(origins) == 1 else (0.0, 0.0))
         self.ground = domain.ground_lines() if mode and isinstance(domain, RecordedDomain) else ()
         if self.ground:
             points = np.concatenate([extent, *(line - self.origin for line, _ in self.ground)])
             self.extent = np.stack([points.min(axis=0), points.max(axis=0)])
+        self._places = Places(domain, recordings)
         self._shown: tuple[Any, ...] | None = None
         self._figure: Figure | None = None
 
@@ -163,7 +169,8 @@ class Canvas:
             for axis, shift in zip((axes.xaxis, axes.yaxis), self.origin.tolist(), strict=True):
                 axis.set_major_formatter(partial(_shifted, shift))
         axes.spines[["top", "right"]].set_visible(False)
-        draw_ground(axes, self.ground, self.origin)
+        shown = observation if len(observation) or truth is None else truth.observation
+        draw_ground(axes, self.ground, self.origin, self._places.image_of(shown))
         if paths is not None:
             _fan(axes, paths, FORECAST_COLOR)
         if truth is not None and forecast is not None:
@@ -193,8 +200,56 @@ class Canvas:
         )
 
 
-def draw_ground(axes: Any, lines: Sequence[tuple[np.ndarray, bool]], origin: np.ndarray) -> None:
-    """Draw the ``ground_lines`` of a domain, relative to an origin [2]."""
+class Places:
+    """Finds the image of the ground of an observation.
+
+    Args:
+        domain: The domain.
+        recordings: Its recordings of the split that is shown.
+    """
+
+    def __init__(self, domain: Domain, recordings: Sequence[Recording]):
+        self.domain, self.recordings = domain, recordings
+        self.ends = np.cumsum([len(frames_by_step(recording)) for recording in recordings])
+
+    def image_of(self, observation: Observation) -> SceneImage | None:
+        """The ``ground_image`` of the first scene, relative to the origin of its recording; None if there is none."""
+        if observation.time is None or not len(observation.time) or not isinstance(self.domain, RecordedDomain):
+            return None
+        number = int(np.searchsorted(self.ends, observation.time[0], side="right"))
+        if number >= len(self.recordings):
+            return None
+        image = self.domain.ground_image(self.recordings[number])
+        return None if image is None else image.relative_to(self.recordings[number].origin)
+
+
+def draw_ground(
+    axes: Any,
+    lines: Sequence[tuple[np.ndarray, bool]],
+    origin: np.ndarray,
+    image: SceneImage | None = None,
+) -> None:
+    """Draw the ground below everything else, within the limits of the axes.
+
+    Args:
+        axes: Axes whose limits are set. If y grows downwards in the image, the y axis points downwards.
+        lines: ``ground_lines`` of the domain.
+        origin: [2] position that everything else is relative to.
+        image: Image of the ground relative to the origin; it is drawn pale.
+    """
+    if image is not None:
+        limits = np.array([axes.get_xlim(), axes.get_ylim()]).T
+        if image.pixel[1] > 0:
+            axes.set_ylim(limits[1, 1], limits[0, 1])
+        height, width = image.photo.shape[:2]
+        cells = np.sort((limits - image.corner) / image.pixel, axis=0)
+        first = np.clip(np.floor(cells[0]), 0, (width, height)).astype(int)
+        last = np.clip(np.ceil(cells[1]), 0, (width, height)).astype(int)
+        if (first < last).all():
+            (left, top), (right, bottom) = (image.corner + image.pixel * edge for edge in (first, last))
+            photo = image.photo[first[1] : last[1], first[0] : last[0]]
+            pale = (255 - (255 - photo.astype(np.float32)) * PALENESS).astype(np.uint8)
+            axes.imshow(pale, extent=(left, right, bottom, top), zorder=0, aspect=axes.get_aspect())
     for points, dashed in lines:
         style = (0, (6, 9)) if dashed else "-"
         axes.plot(*(points - origin).T, color=GROUND_COLOR, linewidth=0.8, linestyle=style, zorder=1)

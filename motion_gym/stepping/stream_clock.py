@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from bisect import bisect_right
 from collections.abc import Sequence
 
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, DataError, Forecast, Observation, Recording, Truth
+from motion_gym.data.scene_images import SceneImage
 from motion_gym.data.windows import Features, Tracks, positions_only
 from motion_gym.metrics.errors import distance
 from motion_gym.stepping.clocks import Settled, Step, extent_of
@@ -28,6 +30,7 @@ class StreamClock:
         recordings: Recordings, replayed one after another.
         features: Function that gives the history of each agent (a domain's ``history``), or one for each recording.
         keep: Whether the ledger keeps settled forecasts; otherwise memory stays bounded.
+        images: The image of the ground that observations of each recording hold, in the frame of the source.
 
     Attributes:
         times: [T] listed frames with an observed agent, counted over all recordings.
@@ -43,8 +46,10 @@ class StreamClock:
         recordings: Sequence[Recording],
         features: Features | Sequence[Features] = positions_only,
         keep: bool = True,
+        images: Sequence[SceneImage | None] = (),
     ):
-        parts = [Tracks.of(recording) for recording in recordings] or [Tracks.of(_NOBODY)]
+        pairs = itertools.zip_longest(recordings, images)
+        parts = [Tracks.of(recording, image) for recording, image in pairs] or [Tracks.of(_NOBODY)]
         if len(steps := {p.dt for p in parts}) > 1:
             raise DataError(f"Recordings of one stream have the same step, but these have dt {sorted(steps)} seconds.")
         ticks = np.cumsum([0] + [p.ticks for p in parts])
@@ -63,6 +68,7 @@ class StreamClock:
             self.dt,
         )
         self._features = [features] * len(parts) if callable(features) else list(features)
+        self._images = [part.image for part in parts]
         self._ends = ticks[1:].tolist()
         observable = np.flatnonzero(self.tracks.age >= HISTORY - 1)
         observable = observable[np.argsort(self.tracks.tick[observable], kind="stable")]
@@ -158,7 +164,9 @@ class StreamClock:
         identity = self._identity[rows]
         for array in (history, scene, identity, time):
             array.flags.writeable = False  # the ledger keeps them as they are
-        self._observation = Observation(history, scene, identity, self.dt, time)
+        image = self._images[bisect_right(self._ends, now)] if len(rows) else None
+        images = None if image is None else (image,)
+        self._observation = Observation(history, scene, identity, self.dt, time, images)
         return Step(self._observation, identity, reward, settled)
 
     def _history(self, time: int) -> np.ndarray:

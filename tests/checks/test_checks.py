@@ -25,7 +25,12 @@ def test_predictors_are_accepted_on_a_domain(spec):
 def test_shipped_domains_are_accepted(spec):
     if spec == "highway":
         traffic.needs_highway_env()
-    small = {"orca": "orca:scenes=16", "tracks": f"tracks:path={walks_file()},fps=25", "highway": traffic.SPEC}
+    small = {
+        "orca": "orca:scenes=16",
+        "tracks": f"tracks:path={walks_file()},fps=25",
+        "highway": traffic.SPEC,
+        "sdd": "sdd:scene=quad,form=clips",
+    }
     spec = small.get(spec, spec)
     try:
         catalog.domain(spec).windows("test")

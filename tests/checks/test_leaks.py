@@ -17,7 +17,12 @@ from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
 from tests.walks import walks_file
 
-SMALL = {"orca": {"scenes": 16}, "tracks": {"path": walks_file(), "fps": 25}, "highway": traffic.SMALL}
+SMALL = {
+    "orca": {"scenes": 16},
+    "tracks": {"path": walks_file(), "fps": 25},
+    "highway": traffic.SMALL,
+    "sdd": {"scene": "quad", "form": "clips", "image": True},
+}
 ORACLES = {"orca_oracle": ("orca", {"scenes": 10}), "idm_oracle": ("highway", traffic.SMALL)}
 """Oracles with the domain that they know, and arguments that keep it small."""
 
@@ -25,10 +30,11 @@ ORACLES = {"orca_oracle": ("orca", {"scenes": 10}), "idm_oracle": ("highway", tr
 @pytest.fixture
 def data(request):
     """Skip a place whose recordings are not on this computer."""
-    if request.node.callspec.params["domain"] == "highway":
+    domain = request.node.callspec.params["domain"]
+    if domain == "highway":
         traffic.needs_highway_env()
-    elif not request.node.callspec.params["domain"].startswith("orca"):
-        request.getfixturevalue("eth_ucy")
+    elif not domain.startswith("orca"):
+        request.getfixturevalue("sdd" if domain == "sdd" else "eth_ucy")
 
 
 # What is in the tables.
@@ -151,8 +157,8 @@ def test_features_from_the_observed_steps_pass():
 def test_ids_that_count_later_agents_are_found(monkeypatch):
     make = StreamClock.__init__
 
-    def by_id(self, *arguments):
-        make(self, *arguments)
+    def by_id(self, *arguments, **keywords):
+        make(self, *arguments, **keywords)
         rows = np.flatnonzero(self._identity >= 0)
         self._identity[rows] = np.unique(self.tracks.track[rows], return_inverse=True)[1]
 
