@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import motion_gym
 from motion_gym import catalog
+from motion_gym.benchmarks.identity import facts_of
 
 
 def scored(predictor, domain, **options):
     """The card of a score in JSON types, with the identity that tables read."""
     card = motion_gym.evaluate(predictor, domain, **options)
     identity = {
-        "domain": catalog.format_spec(card.domain.name, dict(card.domain.parameters)),
+        "domain": facts_of(catalog.domain(domain)).spec,
         "references": options.get("references"),
         "shots": options.get("shots", 0),
         "scoring_version": 1,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any
 
 import tyro
 
-from motion_gym.cli.output import Json, Text, say
+from motion_gym.cli.output import Json, Text, print_json, say
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="NUMBER")]
 
@@ -46,4 +45,7 @@ def inspect(
     given |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
     given |= {"split": split}
     found = inspect_domain(thing, **{name: value for name, value in given.items() if value is not None})
-    say(json.dumps(found.as_dict(), indent=2) if as_json else str(found))
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        say(str(found))

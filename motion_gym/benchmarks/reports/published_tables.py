@@ -22,9 +22,7 @@ def spurious(parts: Parts) -> Table:
     columns = ["method", "alpha", "k", "trained here", "trained as in the paper", "the paper, ADE", "published weights"]
     rows = []
     for k, metrics in ((1, ("ADE", "FDE")), (20, ("JADE_20", "JFDE_20"))):
-        ours, as_paper = (
-            [over_seeds(*trained[weights], metric) for metric in metrics] for weights in ("spurious", "paper/eth")
-        )
+        ours, as_paper = (_errors(trained, weights, metrics) for weights in ("spurious", "paper/eth"))
         paper = published.PAPER if k > 1 else {}
         for row in dict.fromkeys([*published.PAPER, *published.WEIGHTS[k]]):
             for alpha in published.ALPHAS:
@@ -79,7 +77,7 @@ def original_hotel(parts: Parts) -> Table:
     rows = []
     plans = ("original/hotel", "paper/hotel")
     for k, metrics in enumerate((("ADE", "FDE"), ("JADE_20", "JFDE_20"))):
-        ours, as_paper = ([over_seeds(*trained[weights], metric) for metric in metrics] for weights in plans)
+        ours, as_paper = (_errors(trained, weights, metrics) for weights in plans)
         for row, weights in published.ORIGINAL_WEIGHTS.items():
             paper = published.ORIGINAL.get(row) if not k else None
             again = _pair(as_paper, published.as_released(row), "hotel")
@@ -98,6 +96,13 @@ def original_hotel(parts: Parts) -> Table:
 def _by_weights(parts: Parts) -> dict[str, tuple[Part, Sequence[Result]]]:
     """The parts, with their results, by the name of their weights."""
     return {part.weights: (part, results) for part, results in parts}
+
+
+def _errors(
+    trained: Mapping[str, tuple[Part, Sequence[Result]]], weights: str, metrics: Sequence[str]
+) -> list[dict[tuple[str, str], np.ndarray]]:
+    """Values of all seeds by row and column, of each metric; empty without a part with these weights."""
+    return [over_seeds(*trained[weights], metric) if weights in trained else {} for metric in metrics]
 
 
 def _pair(errors: Sequence[Mapping[tuple[str, str], np.ndarray]], row: str, column: str) -> str:
@@ -132,7 +137,7 @@ def spurious_panel(parts: Parts) -> Panel:
     """
     trained = _by_weights(parts)
     errors = over_seeds(*trained["spurious"], "JADE_20")
-    again = over_seeds(*trained["paper/eth"], "JADE_20")
+    (again,) = _errors(trained, "paper/eth", ["JADE_20"])
     for row, cells in published.PAPER.items():
         released = published.as_released(row)
         errors |= {(f"as in the paper: {row}", c): values for (r, c), values in again.items() if r == released}
@@ -149,7 +154,7 @@ def original_panel(parts: Parts) -> Panel:
     """
     trained = _by_weights(parts)
     errors = {key: values for part, results in parts[:-1] for key, values in over_seeds(part, results).items()}
-    again = over_seeds(*trained["paper/hotel"])
+    (again,) = _errors(trained, "paper/hotel", ["ADE"])
     errors |= {(f"as in the paper: {row}", column): values for (row, column), values in again.items()}
     errors |= {(f"the paper: {row}", "hotel"): np.array([ade]) for row, (ade, _) in published.ORIGINAL.items()}
     weights = published.ORIGINAL_WEIGHTS
