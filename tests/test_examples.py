@@ -57,6 +57,7 @@ def written_command(name):
 
 def test_every_example_is_tested():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {
+        "drone_video.py",
         "gymnasium_loop.py",
         "new_style.py",
         "own_adapter.py",
@@ -68,6 +69,14 @@ def test_every_example_is_tested():
         "traffic.py",
         "train_ppo.py",  # tests/clients/rl
     }
+
+
+def test_drone_video(folder, sdd):
+    out = python(folder, "drone_video.py")
+    errors = [float(error) for error in re.findall(r"ADE ([\d.]+)", out)]
+    assert "fitted to: 0.25-0.75, 1.25-1.75, 2.25-2.75\n" in out
+    assert errors == pytest.approx([70.6, 66.6, 2.51, 2.33], rel=0.01)
+    assert (folder / "drone.png").stat().st_size > 20_000
 
 
 def test_gymnasium_loop(folder):
