@@ -3,9 +3,11 @@
 Both loops step the same number of vehicles of one style on the same road, with a step of 0.1 s. The bare loop is
 ``Road.act()`` and ``Road.step()`` of highway-env with its own IDM vehicles; nobody enters, leaves or is recorded.
 
-Run it with ``python bench/highway.py`` (about a minute). highway-env must be installed.
+Run it with ``python bench/highway.py`` (about three minutes). highway-env must be installed.
 """
 
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -18,7 +20,8 @@ from motion_gym.envs.highway_engine.runs import simulate_runs
 from motion_gym.envs.highway_engine.styles import STYLES
 from motion_gym.envs.highway_engine.traffic import STEP, Traffic
 
-STYLE, FILL, SECONDS, RUNS = "normal", 40.0, 10.0, 8
+STYLE, FILL, SECONDS, RUNS = "normal", 40.0, 10.0, 4
+LOOP = "x = 0\nfor i in range(40_000_000): x += i * i % 7"
 
 
 def filled(scenario):
@@ -75,17 +78,33 @@ def loops():
         )
 
 
+def busy_loops(number):
+    """Seconds until equal Python loops in several processes have ended: how far the machine itself scales."""
+    begin = time.perf_counter()
+    loops = [subprocess.Popen([sys.executable, "-c", LOOP]) for _ in range(number)]
+    for loop in loops:
+        loop.wait()
+    return time.perf_counter() - begin
+
+
 def processes():
-    print(f"Seconds for {RUNS} runs of 20 s on the straight road, with the start of further processes")
-    print("| processes | seconds | times as fast |")
-    print("|---:|---:|---:|")
-    alone = None
-    for number in (1, 2):
-        begin = time.perf_counter()
-        simulate_runs("straight", STYLES[STYLE], 20.0, [(0, run) for run in range(RUNS)], "bench", number)
-        took = time.perf_counter() - begin
-        alone = alone or took
-        print(f"| {number} | {took:.1f} | {alone / took:.2f} |", flush=True)
+    print(
+        f"Seconds for a test split, {RUNS} runs of 120 s on the straight road, with the start of a further process, and"
+    )
+    print("for the same work in plain Python loops, all in turn. Both times depend on what else the machine does.")
+    print("| turn | engine, 1 process | 2 processes | times as fast | loops, times as fast |")
+    print("|---:|---:|---:|---:|---:|")
+    for turn in range(3):
+        took = []
+        for number in (1, 2):
+            begin = time.perf_counter()
+            simulate_runs("straight", STYLES[STYLE], 120.0, [(0, run) for run in range(RUNS)], "bench", number)
+            took.append(time.perf_counter() - begin)
+        alone, together = busy_loops(1), busy_loops(2)
+        print(
+            f"| {turn + 1} | {took[0]:.1f} | {took[1]:.1f} | {took[0] / took[1]:.2f} | {2 * alone / together:.2f} |",
+            flush=True,
+        )
 
 
 def main():
