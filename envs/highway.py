@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, Card, Recording, SpecError
-from motion_gym.data.domains import RecordedDomain
+from motion_gym.data.domains import RecordedDomain, shared
 from motion_gym.data.storage import cached_arrays
 from motion_gym.envs.highway_engine.package import ENGINE_VERSION, VERSION, check_package
 from motion_gym.envs.highway_engine.styles import SOURCE_STYLES, STYLES
@@ -29,12 +28,6 @@ SOURCE_ALPHAS = (1.0, 2.0, 4.0)
 STANDING = 0.5
 """Below this speed, in m/s, a vehicle keeps its last heading."""
 STYLE_PARAMETERS = ("headway", "distance", "politeness", "acceleration", "braking", "speed")
-
-
-@functools.lru_cache(maxsize=16)
-def _shared(kind: type[Highway], **parameters: Any) -> Highway:
-    """A source domain, shared by all domains with the same sources, so that its windows are read once."""
-    return kind(**parameters)
 
 
 class Highway(RecordedDomain):
@@ -240,7 +233,7 @@ class Highway(RecordedDomain):
         common = {"scenario": scenario, "side": "right", **dict.fromkeys(STYLE_PARAMETERS)}
         noise: Sequence[float | None] = alphas if self.sigma != "none" else [None] * len(styles)
         others = [self.replace(style=s, alpha=a, **common) for s, a in zip(styles, noise, strict=False)]
-        return [_shared(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
+        return [shared(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
 
     def features(self, history: np.ndarray) -> np.ndarray:
         """Heading and speed from the observed steps, or sigma from the braking since the previous step."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from motion_gym.contract import WINDOW, Recording, SpecError
-from motion_gym.data.domains import RecordedDomain
+from motion_gym.data.domains import RecordedDomain, shared
 from motion_gym.data.storage import cached_arrays
 from motion_gym.envs.orca_engine.simulation import ENGINE_VERSION, simulate
 from motion_gym.specs import number, whole_number
@@ -33,12 +32,6 @@ ANGLE = np.deg2rad(45)
 TRIES = 30
 TRIAL, ROOM = 200, 0.1
 """Number of scenes to test whether there is room for the agents, and the smallest share that must find room at once."""
-
-
-@functools.lru_cache(maxsize=8)
-def _shared(kind: type[Orca], **parameters: Any) -> Orca:
-    """A source domain, shared by all domains with the same sources, so that its windows are read once."""
-    return kind(**parameters)
 
 
 class Orca(RecordedDomain):
@@ -124,7 +117,7 @@ class Orca(RecordedDomain):
     def sources(self, styles: Sequence[float] = SOURCE_STYLES) -> list[Orca]:  # type: ignore[override]
         """The same domain with the training styles; by default those of the paper, 0.1, 0.3 and 0.5."""
         others = [self.replace(d=d) for d in styles]
-        return [_shared(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
+        return [shared(type(self), **other.parameters) for other in others]  # type: ignore[arg-type]
 
     def simulated(self, split: str) -> dict[str, np.ndarray]:
         """Positions [S, 20, N, 2] float32 of a split, from the cache if possible."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -16,6 +17,7 @@ from motion_gym.data.scene_images import SceneImage
 from motion_gym.data.windows import Tracks, counts, cut_windows, empty_truth, recorded_counts
 
 Kept = TypeVar("Kept")
+Source = TypeVar("Source")
 
 TrainingSet = tuple[list[Truth], list[Truth]]
 """Training and validation truths, one of each per environment."""
@@ -198,6 +200,12 @@ class RecordedDomain:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in self.parameters.items())})"
+
+
+@functools.lru_cache(maxsize=24)
+def shared(kind: type[Source], **parameters: Any) -> Source:
+    """A source domain, shared by all domains with the same sources, so that its windows are read once."""
+    return kind(**parameters)
 
 
 def observed_images(domain: Domain, recordings: Sequence[Recording]) -> list[SceneImage | None]:

@@ -16,6 +16,7 @@ from motion_gym.predictors.constant_velocity import ConstantVelocity
 from motion_gym.predictors.ego import EgoErm, EgoModular
 from motion_gym.predictors.networks.ego_features import kept_distances
 from motion_gym.predictors.training.ego_training import distance_and_trust
+from tests.walkers import crowd
 
 SOURCES = mg.domain("orca", scenes=150)
 
@@ -34,14 +35,6 @@ def fresh(trained):
     copy = EgoModular()
     copy.use(trained.stacked, trained.card)
     return copy
-
-
-def crowd(agents=5, seed=0):
-    rng = np.random.default_rng(seed)
-    at, velocity = rng.normal(0, 3, (agents, 1, 2)), rng.normal(0, 1, (agents, 1, 2))
-    steps = np.arange(8)[:, None] * 0.4
-    history = at + velocity * steps + rng.normal(0, 0.01, (agents, 8, 2))
-    return Observation(history.astype(np.float32), np.array([0, agents]), np.arange(agents), 0.4)
 
 
 @settings(max_examples=25, deadline=None)

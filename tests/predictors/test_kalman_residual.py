@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym as mg
-from motion_gym.contract import Observation
 from motion_gym.data.domains import training_set
 from motion_gym.metrics.errors import score
 from motion_gym.predictors.kalman_residual import KalmanResidual
 from motion_gym.predictors.kalman_velocity import KalmanVelocity
 from motion_gym.predictors.networks.filter_features import NEAREST, inputs_of, mirrored, nearest_neighbours
+from tests.walkers import crowd
 
 QUICK = {"epochs": (4,), "agents": 2000, "batch": 128}
 
@@ -27,13 +27,6 @@ def data():
 @pytest.fixture(scope="module")
 def trained(data):
     return KalmanResidual().fit(*data, [0, 1], **QUICK)
-
-
-def crowd(agents=5, seed=0):
-    rng = np.random.default_rng(seed)
-    at, velocity = rng.normal(0, 3, (agents, 1, 2)), rng.normal(0, 1, (agents, 1, 2))
-    history = at + velocity * np.arange(8)[:, None] * 0.4 + rng.normal(0, 0.01, (agents, 8, 2))
-    return Observation(history.astype(np.float32), np.array([0, agents]), np.arange(agents), 0.4)
 
 
 @settings(max_examples=25, deadline=None)
