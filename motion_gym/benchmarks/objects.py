@@ -188,8 +188,9 @@ class Study:
         name: Name in the store.
         compute: ``"module:function"`` from the arguments to a dict in JSON types.
         render: ``"module:function"`` from that dict to a table; empty for none.
-        draw: ``"module:function"`` from that dict and a path to a figure at the path; empty for none.
-        file: Name of the figure.
+        curves: ``"module:function"`` from that dict to a list of ``Curves``, which are drawn; empty for none.
+        draw: ``"module:function"`` from that dict and a path to a figure of another sort; empty for none.
+        file: Name of the figure; empty for none.
         arguments: Arguments of ``compute``, in JSON types.
         uses: Specs of the predictors that take part, with their weights.
         reads: Specs of the domains that are read.
@@ -199,6 +200,7 @@ class Study:
     name: str
     compute: str
     render: str = ""
+    curves: str = ""
     draw: str = ""
     file: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)

@@ -10,7 +10,7 @@ import motion_gym
 from motion_gym import catalog
 from motion_gym.benchmarks import studies
 from motion_gym.benchmarks.objects import Part
-from motion_gym.benchmarks.reports import figures, seed_tables, study_tables
+from motion_gym.benchmarks.reports import curves, figures, seed_tables, study_tables
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.adapters import transfer
@@ -26,6 +26,10 @@ RIGHT, WRONG = "orca:d=0.6,scenes=200", "orca:d=0.1,scenes=200"
 def stored(study):
     """The study as it comes back from the store."""
     return json.loads(json.dumps(study, allow_nan=False))
+
+
+def drawn(curves_of):
+    return lambda study, path: figures.draw(curves_of(study), path)
 
 
 def drawn_twice(draw, study, folder):
@@ -45,7 +49,7 @@ def test_errors_fall_with_reference_scenes(tmp_path, monkeypatch):
     table = study_tables.by_references(study)
     mean = f"{errors[0].mean():.3f}".removeprefix("0")
     assert table.rows[0][:2] == ["modular_invariant", "0.6"] and table.rows[0][2].startswith(f"{mean} ± ")
-    first, second = drawn_twice(figures.by_references, study, tmp_path)
+    first, second = drawn_twice(drawn(curves.by_references), study, tmp_path)
     assert first == second
 
 
@@ -146,7 +150,7 @@ def test_pretraining_is_watched(tmp_path, monkeypatch):
     table = study_tables.pretraining(study)
     assert list(table.columns) == ["domain", "variant", "1", "3"]
     assert [row[1] for row in table.rows] == ["pre-trained", "not pre-trained", "p"] * 2
-    first, second = drawn_twice(figures.pretraining, study, tmp_path)
+    first, second = drawn_twice(drawn(curves.pretraining), study, tmp_path)
     assert first == second
 
 

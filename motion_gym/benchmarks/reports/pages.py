@@ -9,7 +9,7 @@ from motion_gym import catalog
 from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import NONE
 from motion_gym.benchmarks.own_rows import comparison_tables
-from motion_gym.benchmarks.reports import claims, online_tables, seed_tables
+from motion_gym.benchmarks.reports import claims, curves, online_tables, seed_tables
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import Results
 from motion_gym.data.storage import write_atomic
@@ -59,16 +59,19 @@ def write(results: Results, folder: Path) -> list[Path]:
         part, runs = results.parts[drawing.part]
         if runs:
             paths.append(folder / drawing.file)
-            figures.error_over(part, runs, drawing.metric, paths[-1], drawing.label, drawing.log)
+            figures.draw([curves.error_over(part, runs, drawing.metric, drawing.label, drawing.log)], paths[-1])
     for study in results.benchmark.studies:
-        if study.draw and study.name in results.studies:
+        if study.file and study.name in results.studies:
             paths.append(folder / study.file)
-            _function(study.draw)(results.studies[study.name], paths[-1])
+            if study.curves:
+                figures.draw(_function(study.curves)(results.studies[study.name]), paths[-1])
+            else:
+                _function(study.draw)(results.studies[study.name], paths[-1])
     for name, shifts in results.benchmark.shifts.items():
         panels = {kind: rows for kind in shifts.streams if (rows := results.stream_rows(name, kind))}
         if panels:
             paths.append(folder / f"{name}.svg")
-            figures.over_time(panels, paths[-1], shifts.title)
+            figures.draw(curves.over_time(panels, shifts.title), paths[-1])
     return paths
 
 
