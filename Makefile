@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-clients test-portable check results bench clean
+.PHONY: demo test test-clients test-page test-portable check results bench clean
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt
 
@@ -23,6 +23,7 @@ $(VENV)/.ready: $(VENV)/.installed
 
 demo: $(VENV)/.installed
 	$(BIN)/motion-gym run style
+	$(BIN)/motion-gym report --out $(ROOT)motion-gym-results.html
 	@echo 'Next: write a predictor, as examples/own_predictor.py. From the folder examples:'
 	@echo '  . ../.venv/bin/activate; motion-gym score own_predictor:Turning --domain orca:d=0.6'
 
@@ -43,6 +44,14 @@ test-clients: $(CLIENTS)-rl/.ready $(CLIENTS)-rllib/.ready
 	cd $(ROOT) && for name in rl rllib; do \
 	    OMP_NUM_THREADS=1 $(CLIENTS)-$$name/bin/python -m pytest tests/clients/$$name $(ARGS) || exit 1; \
 	  done
+
+# The results page, in a browser without a window; Chromium must be installed.
+$(VENV)/.page: $(VENV)/.ready
+	$(INSTALL) -e "$(ROOT)[page]"
+	@touch $@
+
+test-page: $(VENV)/.page
+	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/page $(ARGS)
 
 # The numerical tests under other code paths of the same libraries, as other processors take them.
 NUMERICAL := tests/metrics tests/data tests/envs tests/stepping tests/scoring tests/online tests/predictors tests/training

@@ -122,6 +122,10 @@ class Part:
         """Name of the column that a result belongs to."""
         return self._columns[result["identity"]["domain"], result["identity"]["shots"]]
 
+    def find_column(self, result: Mapping[str, Any]) -> str | None:
+        """Name of the column that a result belongs to; None if it belongs to none."""
+        return self._columns.get((result["identity"]["domain"], result["identity"]["shots"]))
+
     @functools.cached_property
     def _columns(self) -> dict[tuple[str, int], str]:
         return {(facts_of(self.domain(name)).spec, self.shots.get(name, 0)): name for name in self.domains}

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.benchmarks import running
 from motion_gym.benchmarks.identity import facts_of, label_of, row_name, shipped_card
 from motion_gym.benchmarks.jobs import Job, score_stream, stream_job
 from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part, with_parameters
@@ -52,6 +53,30 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
             parts[where].extend(runs)
         else:
             results.streams[where, column, row] = runs
+
+
+def with_stored(name: str, folder: Path | None) -> Results:
+    """The stored runs of a benchmark, with the rows of a user's that a folder of results holds.
+
+    Args:
+        name: Name of the benchmark.
+        folder: Folder that ``motion-gym run --out`` wrote; None for the shipped runs alone.
+    """
+    results = running.run(name, (), None if folder is None else folder / name, only=())
+    own = [stored for stored in results.runner.store.runs.values() if stored["identity"].get("session")]
+    streams = {
+        each["identity"]["stream"]: (shift, kind) for (shift, kind, _), runs in results.streams.items() for each in runs
+    }
+    for stored in own:
+        identity = stored["identity"]
+        if identity["kind"] == "stream" and identity["stream"] in streams:
+            results.streams.setdefault((*streams[identity["stream"]], stored["row"]), []).append(stored)
+        for part, runs in results.parts if identity["kind"] == "windows" else ():
+            options = {"protocol": part.protocol, "k": part.samples, "references": part.references}
+            column = part.find_column(stored)
+            if column is not None and all(identity[key] == value for key, value in options.items()):
+                runs.append(stored)
+    return results
 
 
 def _seeds_of(predictor: Any) -> list[tuple[Any, int]]:

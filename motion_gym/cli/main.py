@@ -22,6 +22,7 @@ from motion_gym.cli.data import data
 from motion_gym.cli.inspect import inspect
 from motion_gym.cli.ls import ls
 from motion_gym.cli.output import only_json
+from motion_gym.cli.report import report, serve
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
 from motion_gym.cli.show import show
@@ -40,6 +41,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "inspect": inspect,
     "show": show,
     "claims": claims,
+    "report": report,
+    "serve": serve,
     "data": data,
 }
 PURPOSE = "Test motion forecasters where they will be used."

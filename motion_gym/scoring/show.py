@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -114,25 +114,10 @@ def show(
     place = catalog.domain(domain)
     windows = windows_of_domain(place, split)
     index = _scene_number(windows, scene, time, f"Split `{split}` of `{spec_of(place)}`")
-    truth = pick_scenes(windows, [index])
     one = isinstance(predictors, str) or not isinstance(predictors, Iterable)
-    forecasts: dict[str, Forecast] = {}
-    for predictor in [predictors] if one else predictors:  # type: ignore[list-item,union-attr]
-        instance = ready(copied(predictor), place, seed)
-        if hasattr(instance, "observe"):
-            there = windows_of_domain(place, "reference").observation.scenes
-            show_references(instance, place, split, min(REFERENCES, there) if references is None else references, 1)
-        name = predictor if isinstance(predictor, str) else name_of(instance)
-        name = f"{name} ({len(forecasts) + 1})" if name in forecasts else name
-        forecasts[name] = ask(instance, truth.observation, k, seed)
-    recordings = place.recordings(split)
-    origins = np.unique([recording.origin for recording in recordings], axis=0)
-    drawn = DrawnScene(
-        truth, forecasts, f"{spec_of(place)}, {split}, scene {index}", place.card.unit,
-        origins[0] if len(origins) == 1 else None,
-        place.ground_lines() if isinstance(place, RecordedDomain) else (),
-        Places(place, recordings).image_of(truth.observation),
-    )  # fmt: skip
+    several: Sequence[str | Predictor] = [predictors] if one else list(predictors)  # type: ignore[list-item,arg-type]
+    drawn = next(forecast_scenes(place, several, [index], split, k, seed, references))
+    forecasts = drawn.forecasts
     picture = Picture(figsize=SIZE, dpi=150, layout="constrained")
     axes = picture.add_subplot()
     draw_scene(axes, drawn, colors_of(forecasts))
@@ -141,6 +126,37 @@ def show(
         animated = path.suffix in (".gif", ".mp4")
         write_atomic(path, _animation(drawn, path.suffix) if animated else _as_bytes(picture, path.suffix[1:]))
     return picture
+
+
+def forecast_scenes(
+    place: Domain,
+    predictors: Sequence[str | Predictor],
+    scenes: Sequence[int],
+    split: str = "test",
+    k: int = 1,
+    seed: int = 0,
+    references: int | None = None,
+) -> Iterator[DrawnScene]:
+    """Scenes of a domain with forecasts of predictors, which are made ready once; see ``show`` for the arguments."""
+    windows = windows_of_domain(place, split)
+    instances: dict[str, Any] = {}
+    for predictor in predictors:
+        instance = ready(copied(predictor), place, seed)
+        if hasattr(instance, "observe"):
+            there = windows_of_domain(place, "reference").observation.scenes
+            show_references(instance, place, split, min(REFERENCES, there) if references is None else references, 1)
+        name = predictor if isinstance(predictor, str) else name_of(instance)
+        instances[f"{name} ({len(instances) + 1})" if name in instances else name] = instance
+    recordings = place.recordings(split)
+    origins = np.unique([recording.origin for recording in recordings], axis=0)
+    origin = origins[0] if len(origins) == 1 else None
+    lines = place.ground_lines() if isinstance(place, RecordedDomain) else ()
+    for index in scenes:
+        truth = pick_scenes(windows, [index])
+        forecasts = {name: ask(instance, truth.observation, k, seed) for name, instance in instances.items()}
+        title = f"{spec_of(place)}, {split}, scene {index}"
+        image = Places(place, recordings).image_of(truth.observation)
+        yield DrawnScene(truth, forecasts, title, place.card.unit, origin, lines, image)
 
 
 def draw_scene(

@@ -59,6 +59,12 @@ class Hedge(Kalman):
         self.trust = np.full(experts, 1 / experts)
         """[E] trust in the trained predictor, the filter if there is one, and constant velocity; the sum is 1."""
 
+    def gauges(self) -> dict[str, float]:
+        """Trust in each expert."""
+        names = ("the trained predictor", "the filter", "constant velocity")
+        experts = names if self.filters else (names[0], names[2])
+        return {f"trust in {name}": float(share) for name, share in zip(experts, self.trust, strict=True)}
+
     def judge(self, experts: np.ndarray, truth: Truth, agents: np.ndarray) -> None:
         """Update the trust by the errors of the experts on these agents; see ``Kalman.judge``."""
         if not agents.any():

@@ -73,6 +73,8 @@ class Kalman(Adapter):
         """[C, C] sum of phi phi' and [C, O] sum of phi y', with forgetting and without the prior; [C, O] weights W."""
         self.squares, self.count = np.zeros(FUTURE), np.zeros(FUTURE)
         """[12] sums, with forgetting, of squared residuals per coordinate and of their weights, by future step."""
+        self.moved = 0.0
+        """Norm of W - W0 over that of W0."""
         self.known = KnownSteps()
         self.layers: OrderedDict[bytes, LastLayer] = OrderedDict()
         """Last layers of recent observations, which are needed again when their ground truth is revealed."""
@@ -136,8 +138,13 @@ class Kalman(Adapter):
             self.rolled_back += 1
             return
         self.precision, self.pull, self.mean = precision, pull, mean
+        self.moved = float(np.linalg.norm(mean - layer.weight) / max(np.linalg.norm(layer.weight), 1e-9))
         self.squares = fade * self.squares + np.where(new_steps, noise, 0).sum(axis=0)
         self.count = fade * self.count + new_steps.sum(axis=0)
+
+    def gauges(self) -> dict[str, float]:
+        """What has been learned, as the results page shows it over time: numbers by name."""
+        return {"relative change of the last layer": self.moved} if self.needs_last_layer else {}
 
     def judge(self, experts: np.ndarray, truth: Truth, agents: np.ndarray) -> None:
         """Compare forecasts with new ground truth before learning from it. The base class does nothing.

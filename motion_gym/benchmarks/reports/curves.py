@@ -121,19 +121,23 @@ def over_time(panels: Mapping[str, Mapping[str, Sequence[Result]]], title: str) 
             f"{title}: {kind}",
             "seconds",
             y_label,
-            {row: _trailing(results) for row, results in rows.items()},
+            _trailing(rows),
             marks=_starts(next(iter(rows.values()))[0]),
         )
         for kind, rows in panels.items()
     ]
 
 
-def _trailing(results: Sequence[Result]) -> Line:
-    """The trailing mean at the same times for all seeds."""
-    curves = [np.array(result["curve"]) for result in results]
-    at = np.linspace(max(c[0, 0] for c in curves), min(c[-1, 0] for c in curves), POINTS)
-    values = np.array([np.interp(at, c[:, 0], c[:, 1]) for c in curves])
-    return Line(at, values.mean(axis=0), _deviation(values), len(values))
+def _trailing(rows: Mapping[str, Sequence[Result]]) -> dict[str, Line]:
+    """The trailing means of all rows and seeds at the same times."""
+    curves = {row: [np.array(result["curve"]) for result in results] for row, results in rows.items()}
+    everything = [curve for by_seed in curves.values() for curve in by_seed]
+    at = np.linspace(max(c[0, 0] for c in everything), min(c[-1, 0] for c in everything), POINTS)
+    lines = {}
+    for row, by_seed in curves.items():
+        values = np.array([np.interp(at, c[:, 0], c[:, 1]) for c in by_seed])
+        lines[row] = Line(at, values.mean(axis=0), _deviation(values), len(values))
+    return lines
 
 
 def _starts(result: Result) -> list[tuple[float, str]]:

@@ -22,7 +22,7 @@ def short(results: Results) -> list[Table]:
     if numbers:
         tables = [seed_tables.short_table(*part) for part in parts]
     else:
-        tables = [_function(name)(parts) for name in results.benchmark.tables]
+        tables = [function(name)(parts) for name in results.benchmark.tables]
     sudden = {name: rows for name in results.errors if (rows := results.stream_rows(name, "sudden"))}
     if sudden:
         tables.append(online_tables.summary_table({name: shifts[name].title for name in sudden}, sudden))
@@ -37,7 +37,7 @@ def everything(results: Results) -> list[Table]:
     by_part = [seed_tables.part_tables(*part) for part in parts]
     tables = [table for group in by_part[:1] for table in group]
     if len(parts) == len(results.parts):  # these tables need all rows
-        tables += [_function(name)(parts) for name in results.benchmark.tables]
+        tables += [function(name)(parts) for name in results.benchmark.tables]
     if results.benchmark.claims and parts:
         comparisons = claims.compare(results.benchmark.claims, claims.part_panels(parts))
         tables.append(claims.claims_table(comparisons, results.benchmark.claims_over))
@@ -64,9 +64,9 @@ def write(results: Results, folder: Path) -> list[Path]:
         if study.file and study.name in results.studies:
             paths.append(folder / study.file)
             if study.curves:
-                figures.draw(_function(study.curves)(results.studies[study.name]), paths[-1])
+                figures.draw(function(study.curves)(results.studies[study.name]), paths[-1])
             else:
-                _function(study.draw)(results.studies[study.name], paths[-1])
+                function(study.draw)(results.studies[study.name], paths[-1])
     for name, shifts in results.benchmark.shifts.items():
         panels = {kind: rows for kind in shifts.streams if (rows := results.stream_rows(name, kind))}
         if panels:
@@ -92,11 +92,12 @@ def _shift_tables(results: Results, name: str) -> list[Table]:
 
 def _study_tables(results: Results) -> list[Table]:
     return [
-        _function(study.render)(results.studies[study.name])
+        function(study.render)(results.studies[study.name])
         for study in results.benchmark.studies
         if study.render and study.name in results.studies
     ]
 
 
-def _function(target: str) -> Any:
+def function(target: str) -> Any:
+    """A function by ``"module:function"``."""
     return catalog.load_class(target, "function")
