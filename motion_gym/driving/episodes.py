@@ -17,8 +17,8 @@ from motion_gym.driving.proposals import DT
 
 STEPS = 16
 """Steps of an episode, 6.4 s."""
-NEAR = 80.0
-"""Vehicles within this distance of the ego vehicle at the start are in the episode, metres."""
+NEAR, NEAR_SECONDS = 80.0, 5.0
+"""Vehicles that are as near to the ego vehicle at the start as it drives in 5 s, and at most 80 m, are in the episode."""
 SUBSTEPS = 4
 """Steps of the simulation in each step of an episode."""
 OTHERS: Mapping[str, str] = {
@@ -126,7 +126,7 @@ class Episodes:
         path: Any = self._path(tracks, row)
         there = np.flatnonzero((tracks.tick == tick) & (tracks.age >= HISTORY - 1))
         away = np.linalg.norm(tracks.xy[there] - tracks.xy[row], axis=1)
-        there = there[(away < NEAR) & (there != row)]
+        there = there[(away < min(NEAR, NEAR_SECONDS * path.speed)) & (there != row)]
         past, ahead = np.arange(1 - HISTORY, 1), np.arange(1, self.steps + FUTURE + 1)
         known = ahead <= tracks.left[there, None]
         future = np.where(known[..., None], tracks.xy[np.where(known, there[:, None] + ahead, there[:, None])], np.nan)
