@@ -105,6 +105,13 @@ class Episodes:
     def __len__(self) -> int:
         return len(self._candidates)
 
+    @property
+    def most(self) -> int:
+        """Largest number of others in an episode, or more."""
+        return max(
+            int(((tracks.tick == tick) & (tracks.age >= HISTORY - 1)).sum()) - 1 for tracks, tick, _ in self._candidates
+        )
+
     def draw(self, count: int, seed: int) -> list[Episode]:
         """Draw episodes, in the order of time.
 
