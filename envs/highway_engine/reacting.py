@@ -13,7 +13,6 @@ from motion_gym.envs.highway_engine.styles import Style
 from motion_gym.envs.highway_engine.traffic import EVERY, STEP
 from motion_gym.envs.highway_engine.vehicles import LENGTH, TrafficVehicle, vehicle_class
 
-
 MOST_POINTS = 16
 """About the number of points of a path at which its roads are looked up."""
 
@@ -100,7 +99,5 @@ def _route(road: Any, path: np.ndarray) -> list[Any]:
     """The roads that a path [P, 2] with y down follows, as a route."""
     heading = np.arctan2(*np.diff(path, axis=0).T[::-1])
     every = max(len(heading) // MOST_POINTS, 1)
-    lanes = [
-        road.network.get_closest_lane_index(p, h) for p, h in zip(path[:-1:every], heading[::every], strict=True)
-    ]
+    lanes = [road.network.get_closest_lane_index(p, h) for p, h in zip(path[:-1:every], heading[::every], strict=True)]
     return [lane for number, lane in enumerate(lanes) if number == 0 or lane[:2] != lanes[number - 1][:2]]

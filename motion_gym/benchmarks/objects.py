@@ -9,12 +9,15 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
 from motion_gym.contract import SpecError
 from motion_gym.online.streams import stream_name
+
+if TYPE_CHECKING:
+    from motion_gym.benchmarks.drives import Drives
 
 Report = Callable[[int, int, str], None]
 """Called with the number of finished runs, the number of all runs, and the label of the next run."""
@@ -284,6 +287,7 @@ class Benchmark:
         parts: Tables of scores of windows.
         shifts: Tables of scores of streams, by name.
         studies: Further values that are computed once.
+        drives: Tables of scores of driven episodes.
         claims: Sentences, and the rows of the parts that decide them.
         claims_over: What the columns are, for the table of claims.
         tables: ``"module:function"`` from the parts with their runs to a further table.
@@ -296,6 +300,7 @@ class Benchmark:
     parts: Sequence[Part] = ()
     shifts: Mapping[str, Shifts] = field(default_factory=dict)
     studies: Sequence[Study] = ()
+    drives: Sequence[Drives] = ()
     claims: Sequence[Claim] = ()
     claims_over: str = "d"
     tables: Sequence[str] = ()

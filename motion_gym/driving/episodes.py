@@ -18,7 +18,7 @@ from motion_gym.driving.proposals import DT
 STEPS = 16
 """Steps of an episode, 6.4 s."""
 NEAR, NEAR_SECONDS = 80.0, 5.0
-"""Vehicles that are as near to the ego vehicle at the start as it drives in 5 s, and at most 80 m, are in the episode."""
+"""Vehicles are in an episode if they are as near to the ego vehicle as it drives in 5 s, and at most 80 m."""
 SUBSTEPS = 4
 """Steps of the simulation in each step of an episode."""
 OTHERS: Mapping[str, str] = {
@@ -93,7 +93,7 @@ class Episodes:
             fits = (tracks.age >= HISTORY - 1) & (tracks.left >= steps)
             for tick in range(HISTORY - 1, tracks.ticks, steps):
                 rows = np.flatnonzero(fits & (tracks.tick == tick))
-                rows = np.array([row for row in rows if self._path(tracks, row) is not None], np.int64)
+                rows = np.array([row for row in rows if self._path(tracks, int(row)) is not None], np.int64)
                 if len(rows):
                     self._candidates.append((tracks, tick, rows))
         if not self._candidates:

@@ -25,7 +25,7 @@ from motion_gym.stepping.outstanding import Outstanding
 ORACLE = "oracle"
 """Instead of a predictor: knows the future of the others."""
 ORACLES = {
-    "react": "the others as a copy of the simulation moves them, in which the ego vehicle drives on by its present plan",
+    "react": "what a copy of the simulation does in which the ego vehicle drives on by its present plan",
     "replay": "the recorded future of the others",
 }
 """What the oracle knows."""

@@ -158,7 +158,9 @@ class DriveEnv(gymnasium.Env):
         positions = self.forecast.most_likely()
         expected = (len(run.there) + 1, FUTURE, 2)
         if positions.shape != expected:
-            raise ActionError(f"The forecast has the shape {positions.shape} without samples, and {expected} is needed.")
+            raise ActionError(
+                f"The forecast has the shape {positions.shape} without samples, and {expected} is needed."
+            )
         paths = run.forecast_paths(positions)
         self.plans, _, self.number = plan(run.ego, run.episode.path, paths, run.others[run.there, 2])
         return self.number
@@ -199,7 +201,9 @@ class DriveEnv(gymnasium.Env):
     def _proposal(self, action: Any) -> int:
         value = np.asarray(action)
         if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < COUNT:
-            raise ActionError(f"The action is {action!r}: give the number of a proposal, a whole number from 0 to {COUNT - 1}.")
+            raise ActionError(
+                f"The action is {action!r}: give the number of a proposal, a whole number from 0 to {COUNT - 1}."
+            )
         return int(value)
 
     def _control(self, action: Any) -> tuple[float, float]:

@@ -1,8 +1,8 @@
 """The planner: scores proposals against the forecasts of the other vehicles, and chooses one.
 
-The score follows PDM-Closed and the closed-loop score of nuPlan (Dauner et al., CoRL 2023; Karnchanachari et al., ICRA
-2024): a proposal that collides or leaves the road has the score 0, others a weighted mean of time to collision, progress
-and comfort.
+The score follows PDM-Closed (Dauner et al., CoRL 2023) and the closed-loop score of nuPlan (Karnchanachari et al., ICRA
+2024): a proposal that collides or leaves the road has the score 0, another one a weighted mean of time to collision,
+progress and comfort.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def composite(ttc: np.ndarray, progress: np.ndarray, comfort: np.ndarray) -> np.
 
 def stays_on(path: Path, d: np.ndarray) -> np.ndarray:
     """Whether lateral positions [..., T] stay on the road."""
-    return ((d > path.lowest - OFF_ROAD) & (d < path.highest + OFF_ROAD)).all(axis=-1)  # type: ignore[no-any-return]
+    return np.asarray(((d > path.lowest - OFF_ROAD) & (d < path.highest + OFF_ROAD)).all(axis=-1))
 
 
 def is_comfortable(acceleration: np.ndarray, heading: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -117,4 +117,4 @@ def is_comfortable(acceleration: np.ndarray, heading: np.ndarray, speed: np.ndar
     calm = (acceleration[..., 1:] >= low) & (acceleration[..., 1:] <= high)
     calm &= np.abs(np.diff(acceleration, axis=-1)) / DT <= JERK
     calm &= turn * speed[..., 1:] <= LATERAL
-    return calm.all(axis=-1)  # type: ignore[no-any-return]
+    return np.asarray(calm.all(axis=-1))

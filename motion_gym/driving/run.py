@@ -143,8 +143,8 @@ class Run:
         seconds = np.arange(1, FUTURE * SUBSTEPS + 1) * DT / SUBSTEPS
         if plans is None:
             ego = self.ego
-            values = [ego.s + ego.speed * seconds, np.full(len(seconds), ego.speed)]
-            return states_on(self.episode.path, *values, np.full(len(seconds), ego.d), np.zeros(len(seconds)))
+            speed, d, drift = (np.full(len(seconds), value) for value in (ego.speed, ego.d, 0.0))
+            return states_on(self.episode.path, ego.s + ego.speed * seconds, speed, d, drift)
         at, knots = seconds + DT, np.arange(FUTURE + 1) * DT  # the plan is a step old
         s, speed, d, drift = (np.interp(at, knots, x[number]) for x in (plans.s, plans.speed, plans.d, plans.drift))
         return states_on(self.episode.path, s + np.maximum(at - knots[-1], 0) * speed, speed, d, drift)

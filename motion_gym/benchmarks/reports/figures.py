@@ -12,7 +12,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from motion_gym.benchmarks.objects import Part
+from motion_gym.benchmarks.drives import Drives
+from motion_gym.benchmarks.objects import ORACLE, Part
+from motion_gym.benchmarks.reports import drive_tables
 from motion_gym.benchmarks.reports.conditions import Result, measured, unit_of
 from motion_gym.benchmarks.reports.seed_tables import over_seeds
 from motion_gym.data.storage import write_atomic
@@ -43,6 +45,34 @@ def error_over(part: Part, results: Sequence[Result], metric: str, path: Path, l
     figure, (axes,) = _figure(1)
     y_label = f"{metric}, {unit_of(results)}"
     _draw_lines(axes, lines, x_label=label, y_label=y_label, title=part.title, scale="log" if log else "linear")
+    _write(figure, path)
+
+
+def score_by_error(drives: Drives, results: Sequence[Result], path: Path) -> None:
+    """The score of the planner over the error of the forecasts, a point for each row and column.
+
+    Args:
+        drives: Driven episodes.
+        results: Results of their runs.
+        path: File of the SVG.
+    """
+    cells = drive_tables.by_cell(drives, results)
+    figure, (axes,) = _figure(1)
+    rows = [row for row in dict.fromkeys(row for row, _ in cells) if row != ORACLE]
+    for color, row in zip(_colors("tab20"), rows, strict=False):
+        values = [
+            [drive_tables.means(cells, row, column, metric).mean() for column in drives.domains]
+            for metric in ("ADE", "score")
+        ]
+        axes.plot(*values, "o", color=color, label=row, markersize=5)
+    if (ORACLE, next(iter(drives.domains))) in cells:
+        scores = [drive_tables.means(cells, ORACLE, column, "score").mean() for column in drives.domains]
+        axes.axhline(float(np.mean(scores)), color="0.5", linestyle="--", linewidth=1, label="oracle, mean")
+    axes.set_xscale("log")
+    axes.set(xlabel=f"ADE of the forecasts, {unit_of(results)}", ylabel="score of the planner")
+    axes.set_title(f"{drives.title}: a point for each predictor and style", fontsize=10)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     _write(figure, path)
 
 
