@@ -47,7 +47,8 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
     jobs = [job for predictor in predictors for job in _predictor_jobs(results, predictor, session)]
     jobs += [job for adapter in adapters for job in _adapter_jobs(results, adapter, of, session)]
     jobs += [job for predictor in predictors for job in _drive_jobs(results, predictor, session)]
-    parts = {part.title: runs for part, runs in (*results.parts, *results.drives)}
+    parts = {part.title: runs for part, runs in results.parts}
+    parts |= {drives.title: runs for drives, runs in results.drives}
     for (where, column, row), runs in dataclasses.replace(results.runner, only=None).rows(jobs).items():
         if where in parts:
             parts[where].extend(runs)

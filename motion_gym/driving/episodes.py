@@ -15,10 +15,10 @@ from motion_gym.driving.footprints import states_of
 from motion_gym.driving.paths import Path
 from motion_gym.driving.proposals import DT
 
-STEPS = 16
-"""Steps of an episode, 6.4 s."""
-NEAR, NEAR_SECONDS = 80.0, 5.0
-"""Vehicles are in an episode if they are as near to the ego vehicle as it drives in 5 s, and at most 80 m."""
+STEPS = 14
+"""Steps of an episode, 5.6 s."""
+NEAR, NEAR_SECONDS = 80.0, 4.0
+"""Vehicles are in an episode if they are as near to the ego vehicle as it drives in 4 s, and at most 80 m."""
 SUBSTEPS = 4
 """Steps of the simulation in each step of an episode."""
 OTHERS: Mapping[str, str] = {

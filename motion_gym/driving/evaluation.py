@@ -16,7 +16,7 @@ from motion_gym.driving.episodes import OTHERS, STEPS, Episode, Episodes
 from motion_gym.driving.planner import plan
 from motion_gym.driving.run import FORECAST_METRICS, METRICS, Run
 from motion_gym.metrics.bootstrap import clustered_interval
-from motion_gym.metrics.errors import ade, fde, miss_rate_2m
+from motion_gym.metrics.errors import MISS_DISTANCE, distance
 from motion_gym.scoring.cards import declared_leaks, in_json
 from motion_gym.specs import one_of, whole_number
 from motion_gym.stepping.harness import ask, copied, name_of, ready, selection_of, tell
@@ -224,7 +224,8 @@ def _settle(ledger: Outstanding, run: Run, made: int, predictor: Any) -> np.ndar
     agents = next(stored.observation.agent for stored in ledger if stored.made == made)
     forecast, truth = ledger.settle(made, *run.happened(made, agents))
     matured = truth.known.all(axis=1)
-    values = np.array([metric(forecast, truth)[matured] for metric in (ade, fde, miss_rate_2m)])
+    error = distance(forecast.most_likely()[matured].astype(np.float64) - truth.future[matured])
+    values = np.array([error.mean(axis=1), error[:, -1], error[:, -1] > MISS_DISTANCE])
     tell(predictor, truth)
     return values
 

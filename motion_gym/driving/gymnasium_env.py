@@ -15,12 +15,12 @@ from motion_gym.driving.episodes import OTHERS, STEPS
 from motion_gym.driving.evaluation import episodes_of
 from motion_gym.driving.pictures import Picture
 from motion_gym.driving.planner import SHORTEST_TTC, composite, is_comfortable, plan
-from motion_gym.driving.proposals import COUNT, DT, Plans, propose
+from motion_gym.driving.proposals import BRAKE, DT, Plans, propose
 from motion_gym.driving.run import Run
 from motion_gym.specs import one_of, suggest, whole_number
 
 ACTIONS = {
-    "proposal": "the number of a proposal, 0 to 14",
+    "proposal": "the number of a proposal, 0 to 14, or 15 for the emergency brake",
     "control": "acceleration in m/s^2, and steering angle in radians to the left",
 }
 LIMITS = np.array([[-6.0, -0.5], [3.0, 0.5]], np.float32)
@@ -35,7 +35,7 @@ class DriveEnv(gymnasium.Env):
 
     ## Description
     Each episode begins at a moment of a recording: one vehicle becomes the ego vehicle, and those near it are the
-    others. A step is 0.4 s, an episode 16 steps. The proposals are 5 speeds by 3 lateral positions, see ``Plans``.
+    others. A step is 0.4 s, an episode 14 steps. The proposals are 5 speeds by 3 lateral positions, see ``Plans``.
 
     ## Observation space
     ``Dict(history=Box(M, 8, 2), mask=MultiBinary(M), ego=Box(6), path=Box(12, 2))``, metres and seconds, y up. The
@@ -43,7 +43,7 @@ class DriveEnv(gymnasium.Env):
     heading, speed, acceleration and lateral position on the path. ``path``: points of the path ahead, 5 m apart.
 
     ## Action space
-    ``action="proposal"``: ``Discrete(15)``. ``action="control"``: ``Box(2)``, acceleration in m/s^2 and steering angle
+    ``action="proposal"``: ``Discrete(16)``, a proposal or, 15, the emergency brake. ``action="control"``: ``Box(2)``, acceleration in m/s^2 and steering angle
     in radians; values beyond the bounds are clipped.
 
     ## Reward
@@ -54,7 +54,7 @@ class DriveEnv(gymnasium.Env):
     The scores of the episode so far, see ``METRICS``, and ``episode``, the number of the moment.
 
     ## Episode end
-    Terminates after a collision and at the end of the path; truncates after 16 steps.
+    Terminates after a collision and at the end of the path; truncates after 14 steps.
 
     Args:
         domain: A domain with roads: a name, a spec or a domain.
@@ -94,7 +94,9 @@ class DriveEnv(gymnasium.Env):
             "path": box(-np.inf, np.inf, (POINTS, 2), np.float32),
         })  # fmt: skip
         self.action_space: Any = (
-            gymnasium.spaces.Discrete(COUNT) if action == "proposal" else box(LIMITS[0], LIMITS[1], dtype=np.float32)
+            gymnasium.spaces.Discrete(BRAKE + 1)
+            if action == "proposal"
+            else box(LIMITS[0], LIMITS[1], dtype=np.float32)
         )
         self.run: Run | None = None
         self.plans: Plans | None = None
@@ -200,10 +202,8 @@ class DriveEnv(gymnasium.Env):
 
     def _proposal(self, action: Any) -> int:
         value = np.asarray(action)
-        if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < COUNT:
-            raise ActionError(
-                f"The action is {action!r}: give the number of a proposal, a whole number from 0 to {COUNT - 1}."
-            )
+        if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) <= BRAKE:
+            raise ActionError(f"The action is {action!r}: give {ACTIONS['proposal']}.")
         return int(value)
 
     def _control(self, action: Any) -> tuple[float, float]:

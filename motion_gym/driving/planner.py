@@ -13,7 +13,7 @@ import numpy as np
 
 from motion_gym.driving import footprints
 from motion_gym.driving.paths import Path
-from motion_gym.driving.proposals import DT, Ego, Plans, propose, state_of
+from motion_gym.driving.proposals import BRAKE, DT, Ego, Plans, propose, state_of
 
 WEIGHTS = {"ttc": 5.0, "progress": 5.0, "comfort": 2.0}
 """Weights of the parts of the composite, for proposals and for driven episodes."""
@@ -29,12 +29,11 @@ KEEPING = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Scores of proposals against forecasts, each [15].
+    """Scores of the proposals and of the emergency brake against forecasts, each [16].
 
     Attributes:
         collides: Whether the ego vehicle would collide; a vehicle that hits it from behind while it keeps its lane does
             not count.
-        collides_after: Step of the first collision, 0 to 11; 12 without one.
         on_road: Whether it stays on the road.
         ttc: Shortest time to collision of all steps, seconds; infinite without a danger.
         progress: Metres along the path.
@@ -43,7 +42,6 @@ class Scored:
     """
 
     collides: np.ndarray
-    collides_after: np.ndarray
     on_road: np.ndarray
     ttc: np.ndarray
     progress: np.ndarray
@@ -62,11 +60,8 @@ def plan(ego: Ego, path: Path, others: np.ndarray, heading: np.ndarray) -> tuple
     """
     plans = propose(ego, path, others)
     scored = score_plans(plans, ego, path, footprints.states_of(others, DT, heading))
-    if scored.total.max() > 0:
-        return plans, scored, int(scored.total.argmax())
-    # Every proposal collides or leaves the road: the one that collides last, and of these the slowest.
-    order = np.lexsort((scored.progress, ~scored.on_road, -scored.collides_after))
-    return plans, scored, int(order[0])
+    best = int(scored.total[:BRAKE].argmax())
+    return plans, scored, best if scored.total[best] > 0 else BRAKE
 
 
 def score_plans(plans: Plans, ego: Ego, path: Path, others: np.ndarray) -> Scored:
@@ -75,11 +70,8 @@ def score_plans(plans: Plans, ego: Ego, path: Path, others: np.ndarray) -> Score
     own, theirs = states[:, :, None], others.swapaxes(0, 1)[None]
     keeps = np.abs(plans.goal - ego.d) < path.spacing / 2
     ignored = keeps[:, None, None] & footprints.is_behind(own, theirs)
-    hit = (footprints.clearance(own, theirs) < 0) & ~ignored
     seconds = np.where(ignored, np.inf, footprints.time_to_collision(own, theirs))
-    hits = hit.any(axis=2)
-    collides = hits.any(axis=1)
-    after = np.where(collides, hits.argmax(axis=1), hits.shape[1])
+    collides = (seconds == 0).any(axis=(1, 2))
     ttc = seconds.min(axis=(1, 2), initial=np.inf)
     on_road = stays_on(path, plans.d)
     progress = plans.s[:, -1] - plans.s[:, 0]
@@ -89,7 +81,7 @@ def score_plans(plans: Plans, ego: Ego, path: Path, others: np.ndarray) -> Score
     allowed = ~collides & on_road
     furthest = max(float(np.where(allowed, progress, 0.0).max()), 1e-6)
     total = allowed * composite(ttc >= SHORTEST_TTC, np.clip(progress / furthest, 0.0, 1.0), comfort)
-    return Scored(collides, after, on_road, ttc, progress, comfort, total)
+    return Scored(collides, on_road, ttc, progress, comfort, total)
 
 
 def composite(ttc: np.ndarray, progress: np.ndarray, comfort: np.ndarray) -> np.ndarray:

@@ -21,12 +21,14 @@ SIDES = (0, 1, -1)
 """Lateral positions: that of the nearest lane, and one ``spacing`` to the left and to the right of it."""
 COUNT = len(FRACTIONS) * len(SIDES)
 """Number of proposals. Proposal i has the side ``SIDES[i // 5]`` and the speed fraction ``FRACTIONS[i % 5]``."""
+BRAKE = COUNT
+"""Number of a further plan, the emergency brake: it is taken if every proposal collides or leaves the road."""
 DT = 0.4
 """Seconds per step of a proposal."""
 HEADWAY, GAP, ACCELERATION, BRAKING, EXPONENT = 1.5, 2.0, 1.5, 3.0, 4
 """IDM of the ego vehicle: s, m, m/s^2, m/s^2."""
-HARDEST = 6.0
-"""Largest deceleration, m/s^2."""
+HARDEST, EMERGENCY = 6.0, 4.0
+"""Largest deceleration of a proposal, and that of the emergency brake, m/s^2."""
 CORRIDOR = WIDTH + 0.6
 """A vehicle within this lateral distance of the ego vehicle or its goal, metres, may be its leader."""
 RATE = 1.0
@@ -56,15 +58,15 @@ class Ego:
 
 @dataclass(frozen=True, eq=False)
 class Plans:
-    """Proposals over the 12 steps of a forecast; step 0 is now.
+    """The 15 proposals, and the emergency brake, over the 12 steps of a forecast; step 0 is now.
 
     Attributes:
-        s: [15, 13] distance along the path, metres.
-        speed: [15, 13], m/s.
-        d: [15, 13] lateral position, metres.
-        drift: [15, 13] lateral speed as in ``Ego``.
-        acceleration: [15, 12] constant in each step, m/s^2.
-        goal: [15] lateral position that is approached.
+        s: [16, 13] distance along the path, metres.
+        speed: [16, 13], m/s.
+        d: [16, 13] lateral position, metres.
+        drift: [16, 13] lateral speed as in ``Ego``.
+        acceleration: [16, 12] constant in each step, m/s^2.
+        goal: [16] lateral position that is approached.
     """
 
     s: np.ndarray
@@ -75,7 +77,7 @@ class Plans:
     goal: np.ndarray
 
     def states(self, path: Path) -> np.ndarray:
-        """[15, 12, 4]: x, y, heading and speed at the 12 steps ahead."""
+        """[16, 12, 4]: x, y, heading and speed at the 12 steps ahead."""
         return states_on(path, self.s[:, 1:], self.speed[:, 1:], self.d[:, 1:], self.drift[:, 1:])
 
     def after(self, number: int, seconds: float) -> Ego:
@@ -89,7 +91,7 @@ class Plans:
 
 
 def propose(ego: Ego, path: Path, others: np.ndarray) -> Plans:
-    """The 15 proposals.
+    """The 15 proposals, and the emergency brake.
 
     Args:
         ego: The ego vehicle.
@@ -97,13 +99,14 @@ def propose(ego: Ego, path: Path, others: np.ndarray) -> Plans:
         others: [N, 13, 2] positions of the others now and as they are forecast, metres.
     """
     lane = path.spacing * round(ego.d / path.spacing)
-    goal = np.repeat([lane + side * path.spacing for side in SIDES], len(FRACTIONS))
-    wanted = np.tile(FRACTIONS, len(SIDES)) * path.speed
+    goal = np.append(np.repeat([lane + side * path.spacing for side in SIDES], len(FRACTIONS)), lane)
+    wanted = np.append(np.tile(FRACTIONS, len(SIDES)), 1.0) * path.speed
     along, across = path.local(others)
     forward = np.diff(along, axis=1, append=2 * along[:, -1:] - along[:, -2:-1]) / DT
     beside = (np.abs(across - ego.d) < CORRIDOR)[None] | (np.abs(across - goal[:, None, None]) < CORRIDOR)
-    s, speed = np.empty((COUNT, FUTURE + 1)), np.empty((COUNT, FUTURE + 1))
-    acceleration = np.empty((COUNT, FUTURE))
+    plans = COUNT + 1
+    s, speed = np.empty((plans, FUTURE + 1)), np.empty((plans, FUTURE + 1))
+    acceleration = np.empty((plans, FUTURE))
     s[:, 0], speed[:, 0] = ego.s, ego.speed
     for step in range(FUTURE):
         now, v = s[:, step], speed[:, step]
@@ -112,16 +115,17 @@ def propose(ego: Ego, path: Path, others: np.ndarray) -> Plans:
         a = np.maximum(ACCELERATION * (1 - (v / wanted) ** EXPONENT), -BRAKING)
         if len(others):
             leader = gap.argmin(axis=1)
-            free = np.maximum(gap[np.arange(COUNT), leader] - LENGTH, 0.1)
+            free = np.maximum(gap[np.arange(plans), leader] - LENGTH, 0.1)
             closing = v - forward[leader, step]
             desired = GAP + np.maximum(v * HEADWAY + v * closing / (2 * np.sqrt(ACCELERATION * BRAKING)), 0.0)
             a = a - ACCELERATION * (desired / free) ** 2
         a = np.maximum(a, -HARDEST)
+        a[BRAKE] = -EMERGENCY
         later = np.maximum(v + a * DT, 0.0)
         acceleration[:, step] = (later - v) / DT
         s[:, step + 1], speed[:, step + 1] = now + (v + later) / 2 * DT, later
     warped = np.cumsum(DT * np.minimum(1.0, (speed[:, 1:] + speed[:, :-1]) / 2 / ROLLING), axis=1)
-    warped = np.concatenate([np.zeros((COUNT, 1)), warped], axis=1)
+    warped = np.concatenate([np.zeros((plans, 1)), warped], axis=1)
     moved, drift = _lateral((ego.d - goal)[:, None], ego.drift, warped)
     return Plans(s, speed, goal[:, None] + moved, drift, acceleration, goal)
 

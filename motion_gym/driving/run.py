@@ -105,8 +105,9 @@ class Run:
         keeps = abs(ego.drift) < KEEPING
         behind = footprints.is_behind(own, others)
         with np.errstate(invalid="ignore"):  # vehicles that have left
-            hit = footprints.clearance(own, others) < 0
-            seconds = np.where(behind & keeps, np.inf, footprints.time_to_collision(own, others))
+            seconds = footprints.time_to_collision(own, others)
+        hit = seconds == 0
+        seconds = np.where(behind & keeps, np.inf, seconds)
         self.collision |= bool((hit & ~(behind & keeps)).any())
         self.from_behind |= bool((hit & behind & keeps).any())
         self.on_road &= bool(stays_on(self.episode.path, np.array([ego.d])))

@@ -95,7 +95,8 @@ def trainings() -> dict[str, Training]:
     plans["style/blind"] = Training("orca:d=0.4,radius=7")
     plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     plans["original/all"] = Training("eth", {"by": "nothing"}, joint)
-    plans["vehicles"] = Training("highway:style=brisk", further={"erm_no_sigma": joint})
+    without_sigma = ("erm_no_sigma", "invariant:sigma=false,penalty=0.125")
+    plans["vehicles"] = Training("highway:style=brisk", further={**dict.fromkeys(without_sigma, joint), **exact})
     plans["vehicles_spurious"] = Training("highway:style=normal,alpha=1", options=joint)
     # For streams: weights of other domains than the streamed ones, and oracles of the streamed ones.
     plans["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)

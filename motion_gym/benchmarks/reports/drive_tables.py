@@ -44,7 +44,7 @@ def score_table(drives: Drives, results: Sequence[Result]) -> Table:
         f"{measured(results)}; cells are mean ± standard error over {seeds} seeds of {drives.episodes} episodes of "
         f"{STEPS * DT:g} s, each with traffic of its own",
         f"others {drives.others}: {OTHERS[drives.others]}",
-        f"score of an episode: 0 after a collision or off the road, else the mean of three parts with the weights {parts}",
+        f"score of an episode: 0 after a collision or off the road, else the weighted mean of three parts: {parts}",
         f"{ALL}: mean of the columns, each counting the same",
         *_failures(results),
         *leaks(results),
@@ -69,7 +69,7 @@ def detail_table(drives: Drives, results: Sequence[Result]) -> Table:
     columns = ["forecasts by", *names, *FORECAST_METRICS, "ms per forecast", "replans/s"]
     notes = [f"{name}: {METRICS[name]}" for name in names]
     notes.append(
-        "ADE, FDE and MR_2m: of the forecasts that the planner used and that matured in their episode, over the others; "
+        "ADE, FDE and MR_2m: of the forecasts of the others that the planner used and that matured in their episode; "
         "mean over episodes; metres"
     )
     notes.append("ms per forecast, and forecasts with plans a second: medians, on a machine that did other work too")
