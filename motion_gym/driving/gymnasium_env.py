@@ -43,8 +43,8 @@ class DriveEnv(gymnasium.Env):
     heading, speed, acceleration and lateral position on the path. ``path``: points of the path ahead, 5 m apart.
 
     ## Action space
-    ``action="proposal"``: ``Discrete(16)``, a proposal or, 15, the emergency brake. ``action="control"``: ``Box(2)``, acceleration in m/s^2 and steering angle
-    in radians; values beyond the bounds are clipped.
+    ``action="proposal"``: ``Discrete(16)``, a proposal or, 15, the emergency brake. ``action="control"``: ``Box(2)``,
+    acceleration in m/s^2 and steering angle in radians to the left; values beyond the bounds are clipped.
 
     ## Reward
     The composite of the step, 0 to 1: 0 after a collision or off the road, else the weighted mean (5, 5, 2) of: time

@@ -101,6 +101,9 @@ def trainings() -> dict[str, Training]:
     # For streams: weights of other domains than the streamed ones, and oracles of the streamed ones.
     plans["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
     plans |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}
+    plans["online/traffic_styles"] = Training("highway:style=brisk", {"styles": ("calm", "aggressive")}, further=exact)
+    roundabout = {"styles": ("normal",), "scenario": "roundabout"}
+    plans["online/roundabout"] = Training("highway:style=brisk", roundabout, further=exact)
     plans["online/orca"] = Training("orca:d=0.4", {"styles": (0.3, 0.6)})
     return plans
 
