@@ -212,7 +212,7 @@ def _drive_one(predictor: Any, name: str, domain: Any, episode: Episode, others:
         )
         result.values = {"score": 0.0}
         return result
-    result.values = run.scores(STEPS)
+    result.values = run.scores()
     matured = np.concatenate(errors, axis=1) if errors else np.zeros((3, 0))
     if matured.shape[1]:
         result.values |= dict(zip(FORECAST_METRICS, matured.mean(axis=1).tolist(), strict=True))

@@ -141,7 +141,7 @@ class DriveEnv(gymnasium.Env):
         share = np.clip((run.ego.s - before) / (run.episode.path.speed * DT), 0.0, 1.0)
         allowed = not run.collision and run.on_road
         reward = float(allowed * composite(np.array(run.ttc[-1] >= SHORTEST_TTC), share, comfort[0]))
-        info = {**run.scores(STEPS), "episode": run.episode.number}
+        info = {**run.scores(), "episode": run.episode.number}
         return self._observe(), reward, run.over, bool(run.step >= STEPS and not run.over), info
 
     @property

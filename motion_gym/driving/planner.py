@@ -69,8 +69,11 @@ def score_plans(plans: Plans, ego: Ego, path: Path, others: np.ndarray) -> Score
     states = plans.states(path)
     own, theirs = states[:, :, None], others.swapaxes(0, 1)[None]
     keeps = np.abs(plans.goal - ego.d) < path.spacing / 2
-    ignored = keeps[:, None, None] & footprints.is_behind(own, theirs)
-    seconds = np.where(ignored, np.inf, footprints.time_to_collision(own, theirs))
+    seconds = footprints.time_to_collision(own, theirs)
+    behind = keeps[:, None, None] & footprints.is_behind(own, theirs)
+    # A forecast goes on through the ego vehicle that it hits from behind.
+    ignored = behind | np.logical_or.accumulate(behind & (seconds == 0), axis=1)
+    seconds = np.where(ignored, np.inf, seconds)
     collides = (seconds == 0).any(axis=(1, 2))
     ttc = seconds.min(axis=(1, 2), initial=np.inf)
     on_road = stays_on(path, plans.d)

@@ -32,7 +32,7 @@ class Run:
         step: Number of the step.
         arrived: Whether the ego vehicle is at the end of its path.
         collision: Whether it has collided.
-        from_behind: Whether a vehicle has hit it from behind while it kept its lane, which ends nothing.
+        passed: [N] whether a vehicle has hit it from behind while it kept its lane, which ends nothing.
         states: The last states [4, 4] of the ego vehicle, one each 0.1 s.
         others: The last states [N, 4] of the others; NaN for those that have left.
     """
@@ -40,21 +40,18 @@ class Run:
     def __init__(self, domain: Any, episode: Episode, others: str):
         self.episode, self.step = episode, 0
         self.ego = Ego(episode.s, episode.speed, episode.d)
-        self._pose(state_of(self.ego, episode.path)[None])
+        self.states = state_of(self.ego, episode.path)[None]
         self.world: World = world_of(domain, episode, others, self.states[-1])
         self.others = footprints.states_of(episode.history, DT)[:, -1]
         self.track = [episode.history[:, n] for n in range(HISTORY)]
         """[N, 2] positions of the others at each step, the first 8 before the episode."""
         self.own = list(episode.ego_history)
-        self.arrived = self.collision = self.from_behind = False
-        self.on_road = True
+        self.arrived = self.collision = False
+        self.on_road, self.passed = True, np.zeros(len(episode.history), bool)
         self.ttc: list[float] = []
         """Shortest time to collision in each step, seconds."""
         self.driven = [(self.ego.acceleration, *self.states[-1, 2:])]
         """Acceleration, heading and speed after each step."""
-
-    def _pose(self, states: np.ndarray) -> None:
-        self.states = states
 
     @property
     def there(self) -> np.ndarray:
@@ -102,18 +99,18 @@ class Run:
         """Move everything for a step, and measure it."""
         others = self.world.advance(states)
         own = states[:, None]
-        keeps = abs(ego.drift) < KEEPING
-        behind = footprints.is_behind(own, others)
         with np.errstate(invalid="ignore"):  # vehicles that have left
             seconds = footprints.time_to_collision(own, others)
-        hit = seconds == 0
-        seconds = np.where(behind & keeps, np.inf, seconds)
-        self.collision |= bool((hit & ~(behind & keeps)).any())
-        self.from_behind |= bool((hit & behind & keeps).any())
+            behind = footprints.is_behind(own, others) & (abs(ego.drift) < KEEPING)
+        # A recorded vehicle goes on through the ego vehicle that it hits from behind.
+        passed = np.logical_or.accumulate(np.concatenate([self.passed[None], behind & (seconds == 0)]), axis=0)
+        self.passed = passed[-1]
+        seconds = np.where(behind | passed[1:], np.inf, seconds)
+        self.collision |= bool((seconds == 0).any())
         self.on_road &= bool(stays_on(self.episode.path, np.array([ego.d])))
         self.ttc.append(min(float(np.nanmin(seconds, initial=np.inf)), LONGEST_TTC))
         self.ego, self.others, self.step = ego, others[-1], self.step + 1
-        self._pose(states)
+        self.states = states
         self.track.append(self.others[:, :2])
         self.own.append(states[-1, :2])
         self.driven.append((ego.acceleration, *states[-1, 2:]))
@@ -150,7 +147,7 @@ class Run:
         s, speed, d, drift = (np.interp(at, knots, x[number]) for x in (plans.s, plans.speed, plans.d, plans.drift))
         return states_on(self.episode.path, s + np.maximum(at - knots[-1], 0) * speed, speed, d, drift)
 
-    def scores(self, steps: int) -> dict[str, float]:
+    def scores(self) -> dict[str, float]:
         """Scores of the episode; see ``METRICS``."""
         acceleration, heading, speed = np.array(self.driven).T
         pairs = (np.stack([x[:-1], x[1:]], axis=1) for x in (acceleration, heading, speed))
@@ -162,7 +159,7 @@ class Run:
         return {
             "score": float(allowed * composite(safe.mean(), np.array(max(share, 0.0)), comfort.mean())),
             "collision": float(self.collision),
-            "hit_from_behind": float(self.from_behind),
+            "hit_from_behind": float(self.passed.any()),
             "near_miss": float(not self.collision and shortest < NEAR_MISS),
             "min_ttc": shortest,
             "progress": progress,
