@@ -29,7 +29,7 @@ def main() -> None:
         forecast = predictor.predict(env.unwrapped.observation)
         action = env.unwrapped.best_proposal(forecast)  # or a proposal of your own planner, 0 to 15
         images.append(env.render())
-        _, reward, terminated, truncated, scores = env.step(action)
+        _, _, terminated, truncated, scores = env.step(action)
         over = terminated or truncated
     write_clip(images, "driving.gif")
     print(f"Written: driving.gif, {len(images)} steps, score {scores['score']:.3f}")
