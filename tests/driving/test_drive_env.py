@@ -33,7 +33,7 @@ def test_gymnasium_accepts_the_environment(action):
 
 @pytest.mark.parametrize("others", ["react", "replay"])
 def test_an_episode_with_a_predictor_repeats_and_ends(others):
-    env, predictor = make(others=others, style="assertive"), motion_gym.predictor("constant_velocity")
+    env, predictor = make(others=others), motion_gym.predictor("constant_velocity")
     played = []
     for _ in range(2):
         env.reset(seed=5)
