@@ -76,6 +76,23 @@ def score_by_error(drives: Drives, results: Sequence[Result], path: Path) -> Non
     _write(figure, path)
 
 
+def style_codes(study: Study, path: Path) -> None:
+    """Style codes of scenes on their two principal axes, a colour for each style; see ``style_codes.style_codes``."""
+    figure, (axes,) = _figure(1)
+    for color, (name, codes) in zip(_colors("tab10"), study["codes"].items(), strict=False):
+        trained = name in study["trained"]
+        label = f"{name}{'' if trained else ' (held out)'}: {100 * study['recognised'][name]:.0f} % recognised"
+        points = np.array(codes)
+        axes.plot(*points.T, "o" if trained else "^", color=color, markersize=4, alpha=0.5)
+        axes.plot(*points.mean(axis=0), "o" if trained else "^", color=color, markersize=11, mec="black", label=label)
+    title = f"Style codes of single scenes; {100 * study['share']:.0f} % of their variance is on these two axes"
+    axes.set(xlabel="first axis", ylabel="second axis")
+    axes.set_title(title, fontsize=10)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    _write(figure, path)
+
+
 def by_references(study: Study, path: Path) -> None:
     """The error by the number of reference scenes; see ``studies.by_references``."""
     lines = {
