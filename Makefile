@@ -72,7 +72,7 @@ check: $(VENV)/.ready
 # The stored runs, the tables and the figures of all benchmarks, from scratch: about two and a half hours on two cores.
 results: $(VENV)/.ready
 	cd $(ROOT) && for name in baselines sdd spurious places original style crowd transfer refinement pretraining online \
-	    vehicles vehicles_spurious; do \
+	    vehicles vehicles_spurious planning; do \
 	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results || exit 1; \
 	  done
 	cd $(ROOT) && for name in style places; do $(BIN)/motion-gym run $$name --into README.md || exit 1; done

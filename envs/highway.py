@@ -11,6 +11,8 @@ import numpy as np
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, Card, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain, shared
 from motion_gym.data.storage import cached_arrays
+from motion_gym.driving.episodes import World
+from motion_gym.driving.paths import Path
 from motion_gym.envs.highway_engine.package import ENGINE_VERSION, VERSION, check_package
 from motion_gym.envs.highway_engine.styles import SOURCE_STYLES, STYLES
 from motion_gym.specs import number, one_of, whole_number
@@ -206,6 +208,31 @@ class Highway(RecordedDomain):
 
         mirror = (1, 1 if self.side == "right" else -1)
         return continued(self.scenario, self.driving, history * mirror, FUTURE) * mirror
+
+    def ego_path(self, track: np.ndarray) -> Path | None:
+        """The path of the ego vehicle that takes the place of a recorded one, track [T, 2]; None if it cannot.
+
+        Raises:
+            SpecError: highway-env is not installed, or another version is.
+        """
+        check_package()
+        from motion_gym.envs.highway_engine.ego_paths import ego_path
+
+        mirror = (1, 1 if self.side == "right" else -1)
+        path = ego_path(self.scenario, self.driving.speed, track * mirror)
+        return path if path is None or self.side == "right" else path.mirrored()
+
+    def reacting_world(self, history: np.ndarray, ego: np.ndarray, path: np.ndarray) -> World:
+        """Vehicles that are simulated on from their histories [N, 8, 2], and that react to an ego vehicle.
+
+        Args:
+            history: [N, 8, 2] float64, metres.
+            ego: [4] state of the ego vehicle: x, y, heading, speed.
+            path: [P, 2] its path.
+        """
+        from motion_gym.envs.highway_engine.reacting import ReactingWorld
+
+        return ReactingWorld(self.scenario, self.driving, history, ego, path, self.side)
 
     def ground_lines(self) -> list[tuple[np.ndarray, bool]]:
         """The lines of the lanes; none if highway-env is not installed, as for tracks from the cache."""

@@ -57,6 +57,7 @@ def written_command(name):
 
 def test_every_example_is_tested():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {
+        "driving.py",
         "drone_video.py",
         "gymnasium_loop.py",
         "new_style.py",
@@ -137,6 +138,16 @@ def test_traffic(folder):
     vehicles, crashed = map(int, found(r"^roundabout, normal: .*; (\d+) vehicles, (\d+) crashed", out))
     assert vehicles > 3 and crashed == 0
     assert (folder / "roundabout.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_driving(folder):
+    needs_highway_env()
+    out = python(folder, "driving.py")
+    still, oracle = (float(*found(rf"^{name}: score (\d\.\d+),", out)) for name in ("stand_still", "oracle"))
+    assert 0 < still <= oracle + 0.02
+    steps, score = found(r"^Written: driving.gif, (\d+) steps, score (\d\.\d+)", out)
+    assert 0 < int(steps) <= 14 and 0 <= float(score) <= 1
+    assert (folder / "driving.gif").read_bytes()[:6] == b"GIF89a"
 
 
 def test_own_adapter(folder):

@@ -30,25 +30,37 @@ def continued(scenario: str, style: Style, history: np.ndarray, steps: int) -> n
     Returns:
         [A, steps, 2] float64, metres, y up.
     """
-    xy = history * (1, -1)
-    dt = STEP * EVERY
     road = TrafficRoad(SCENARIOS[scenario](), np.random.default_rng(0))
-    moved = np.diff(xy, axis=1)
-    speeds = np.linalg.norm(moved, axis=-1) / dt
-    accelerations = (speeds[:, -1] - speeds[:, -2]) / dt
-    vehicles = [
-        _placed(road, style, xy[i, -1], moved[i, -1] / dt, speeds[i, -1], accelerations[i]) for i in range(len(xy))
-    ]
-    road.vehicles.extend(vehicles)
-    for vehicle, acceleration in zip(vehicles, accelerations, strict=True):
-        vehicle.target_speed = _target_speed(vehicle, acceleration, style.speed * road.scenario.speed)
-    future = np.empty((len(xy), steps, 2))
+    vehicles = vehicles_of(road, style, history * (1, -1))
+    future = np.empty((len(vehicles), steps, 2))
     for step in range(steps):
         for _ in range(EVERY):
             road.act()
             road.step(STEP)
         future[:, step] = [vehicle.position for vehicle in vehicles]
     return future * (1, -1)
+
+
+def vehicles_of(road: TrafficRoad, style: Style, history: np.ndarray) -> list[TrafficVehicle]:
+    """Put observed vehicles on a road: their lanes, routes and target speeds are estimated.
+
+    Args:
+        road: The road.
+        style: Style of all vehicles.
+        history: [A, 8, 2] float64, metres, y down.
+    """
+    dt = STEP * EVERY
+    moved = np.diff(history, axis=1)
+    speeds = np.linalg.norm(moved, axis=-1) / dt
+    accelerations = (speeds[:, -1] - speeds[:, -2]) / dt
+    vehicles = [
+        _placed(road, style, history[i, -1], moved[i, -1] / dt, speeds[i, -1], accelerations[i])
+        for i in range(len(history))
+    ]
+    road.vehicles.extend(vehicles)
+    for vehicle, acceleration in zip(vehicles, accelerations, strict=True):
+        vehicle.target_speed = _target_speed(vehicle, acceleration, style.speed * road.scenario.speed)
+    return vehicles
 
 
 def _placed(

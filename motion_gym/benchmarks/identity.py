@@ -17,6 +17,8 @@ from motion_gym.training.plans import WEIGHTS
 
 SCORING_VERSION = 2
 """Raised by hand when the scores of an unchanged predictor change."""
+DRIVING_VERSION = 1
+"""Raised by hand when the planner, the episodes or their scores change."""
 VERSIONS: Mapping[str, int] = {"kalman_velocity": 2}
 """Versions of shipped predictors and adapters, raised by hand when their forecasts change; 1 where none is named."""
 AROUND: Mapping[str, str] = {"refine": "modular_invariant", "transfer": "modular_invariant"}
@@ -25,6 +27,7 @@ QUESTION: Mapping[str, tuple[str, ...]] = {
     "windows": ("predictor", "domain", "split", "protocol", "k", "seed", "references", "shots"),
     "stream": ("row", "of", "stream", "options"),
     "study": ("study", "arguments"),
+    "drive": ("predictor", "domain", "others", "episodes", "seed", "fitted_to"),
 }
 """Keys of an identity that name the run, by kind; the other keys are versions and digests."""
 
@@ -83,6 +86,31 @@ def stream_identity(
         "stream": stream,
         "options": dict(sorted(options.items())),
         **answered_by(predictors, domains, session),
+    }
+
+
+def drive_identity(
+    predictor: Any,
+    domain: Domain,
+    *,
+    others: str,
+    episodes: int,
+    seed: int,
+    fitted_to: Domain,
+    session: str | None = None,
+) -> dict[str, Any]:
+    """Identity of driven episodes; see ``drive`` for the arguments, and ``answered_by`` for the session."""
+    used = answered_by([predictor], [domain, fitted_to], session)
+    return {
+        "kind": "drive",
+        "predictor": label_of(predictor),
+        "domain": facts_of(domain).spec,
+        "others": others,
+        "episodes": episodes,
+        "seed": seed,
+        "fitted_to": facts_of(fitted_to).spec,
+        **used,
+        "versions": {**used["versions"], "driving": DRIVING_VERSION},
     }
 
 

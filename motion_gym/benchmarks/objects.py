@@ -227,8 +227,7 @@ class Claim:
         ratio: Range of (mean error of the row) / (mean error of the other row), compared to 1 %.
         significant: Whether the difference must also be significant.
         each_seed: Whether the ratio must be in range for each seed.
-        where: Where the claim must be true: ``everywhere``, ``nowhere`` or ``not everywhere``. The latter two are for
-            sentences that deny a difference; their p-values are not corrected.
+        where: ``everywhere``, ``nowhere`` or ``not everywhere``; p-values of the latter two are not corrected.
     """
 
     sentence: str
@@ -290,6 +289,7 @@ class Benchmark:
         parts: Tables of scores of windows.
         shifts: Tables of scores of streams, by name.
         studies: Further values that are computed once.
+        drives: Tables of scores of driven episodes, ``drives.Drives``.
         claims: Sentences, and the rows of the parts that decide them.
         claims_over: What the columns are, for the table of claims.
         tables: ``"module:function"`` from the parts with their runs to a further table.
@@ -302,6 +302,7 @@ class Benchmark:
     parts: Sequence[Part] = ()
     shifts: Mapping[str, Shifts] = field(default_factory=dict)
     studies: Sequence[Study] = ()
+    drives: Sequence[Any] = ()
     claims: Sequence[Claim] = ()
     claims_over: str = "d"
     tables: Sequence[str] = ()

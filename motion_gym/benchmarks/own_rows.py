@@ -41,13 +41,15 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
         SpecError: the benchmark has no columns for a predictor, or no streams for an adapter.
     """
     name = results.benchmark.name
-    if predictors and not results.benchmark.parts:
+    if predictors and not results.benchmark.parts and not results.benchmark.drives:
         raise SpecError(f"{name} has no columns for a predictor: name an adapter, as --adapter module:Mine.")
     if adapters and not results.benchmark.shifts:
         raise SpecError(f"{name} has no streams for an adapter: name a predictor, as --predictor my_module:Mine.")
     jobs = [job for predictor in predictors for job in _predictor_jobs(results, predictor, session)]
     jobs += [job for adapter in adapters for job in _adapter_jobs(results, adapter, of, session)]
+    jobs += [job for predictor in predictors for job in _drive_jobs(results, predictor, session)]
     parts = {part.title: runs for part, runs in results.parts}
+    parts |= {drives.title: runs for drives, runs in results.drives}
     for (where, column, row), runs in dataclasses.replace(results.runner, only=None).rows(jobs).items():
         if where in parts:
             parts[where].extend(runs)
@@ -113,6 +115,15 @@ def _predictor_jobs(results: Results, predictor: Any, session: str) -> Iterator[
             identities = [part.identity(each, column, session, seed=seed) for each, seed in seeds]
             compute = functools.partial(_score_column, seeds, part, column, best_row(part, runs, column))
             yield Job(f"{row} on {spec}", (part.title, column), row, spec, identities, compute)
+
+
+def _drive_jobs(results: Results, predictor: Any, session: str) -> Iterator[Job]:
+    """A predictor on every column that is driven in, with the weights of each seed if it has several."""
+    specs, row = [spec for spec, _ in _seeds_of(predictor)], row_name(label_of(predictor))
+    for drives, _ in results.drives:
+        if row not in map(row_name, drives.rows()):
+            chosen = [specs[number % len(specs)] for number in range(len(SEEDS))]
+            yield from (drives.job(row, chosen, column, session) for column in drives.domains)
 
 
 _FITTED: dict[tuple[Any, ...], Any] = {}

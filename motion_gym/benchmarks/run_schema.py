@@ -20,6 +20,8 @@ KEYS: Mapping[str, str] = {
     f"curve shifts censored updates skipped rolled_back realtime labels scope update_seconds tick_seconds leaks "
     f"{_SUMMARIES.format('ade')} {_SUMMARIES.format('fde')}",
     "study": f"{_EVERY} study value",
+    "drive": f"{_EVERY} identity.predictor identity.domain predictor spec others seed metrics.score.mean "
+    "metrics.score.low metrics.score.high values.score errors seconds oracle selection leaks domain.unit domain.dt",
 }
 """Keys of each kind of run, nested keys joined by dots; a run may have more."""
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.benchmarks.drives import Drives, drive_jobs
 from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.jobs import CHOICE, STUDY, Errors, Runner, choice_jobs, stream_jobs, study_jobs, window_jobs
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE, Benchmark, Part, Report
@@ -31,6 +32,7 @@ BENCHMARKS: Mapping[str, str] = {
     "online": "motion_gym.benchmarks.definitions.streams:ONLINE",
     "vehicles": "motion_gym.benchmarks.definitions.traffic:VEHICLES",
     "vehicles_spurious": "motion_gym.benchmarks.definitions.traffic:VEHICLES_SPURIOUS",
+    "planning": "motion_gym.benchmarks.definitions.driving:PLANNING",
     "baselines": "motion_gym.benchmarks.definitions.places:BASELINES",
     "sdd": "motion_gym.benchmarks.definitions.drone:SDD",
     "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
@@ -49,6 +51,7 @@ class Results:
         errors: ADE by row and settings on the shift that settings are chosen on, by name of the shifts.
         streams: Runs of all seeds by name of the shifts, kind and row.
         studies: Stored values by name of the study.
+        drives: Tables of driven episodes, each with its runs.
     """
 
     benchmark: Benchmark
@@ -57,6 +60,7 @@ class Results:
     errors: dict[str, Errors] = field(default_factory=dict)
     streams: dict[tuple[str, ...], list[Run]] = field(default_factory=dict)
     studies: dict[str, dict[str, Any]] = field(default_factory=dict)
+    drives: list[tuple[Drives, list[Run]]] = field(default_factory=list)
 
     def __str__(self) -> str:
         """The tables that ``motion-gym run`` prints, as Markdown."""
@@ -152,6 +156,11 @@ def run(
         shift: {row: _error_by_setting(runs) for (*where, row), runs in rows.items() if where == [shift, CHOICE]}
         for shift in names
     }
+    driven = runner.rows(list(drive_jobs(chosen, session)))
+    results.drives = [
+        (drives, [run for key, runs in driven.items() if key[0] == drives.title for run in runs])
+        for drives in chosen.drives
+    ]
     results.streams = runner.rows(list(stream_jobs(chosen, results.errors, session)))
     if predictors or adapters:
         from motion_gym.benchmarks import own_rows  # imports this module
@@ -170,6 +179,7 @@ def _check_rows(chosen: Benchmark, only: Sequence[str]) -> None:
     for shifts in chosen.shifts.values():
         known += [*shifts.all_rows(), *(spec for row in shifts.rows for spec in shifts.settings(row))]
     known += [study.name for study in chosen.studies]
+    known += [row_name(row) for drives in chosen.drives for row in drives.rows()]
     for row in only:
         if row not in known:
             raise SpecError(f"{chosen.name} has no row `{row}`.{catalog.suggest(row, dict.fromkeys(known))}")

@@ -103,7 +103,12 @@ def write(folder: Path | None, run: Run) -> None:
 def path_of(folder: Path, identity: Mapping[str, Any]) -> Path:
     """File of a run. Runs with the same question have the same file, so that a newer run replaces an older one."""
     kind = identity["kind"]
-    names = {"windows": ("predictor", "domain"), "stream": ("row", "stream", "of"), "study": ("study",)}[kind]
+    names = {
+        "windows": ("predictor", "domain"),
+        "stream": ("row", "stream", "of"),
+        "study": ("study",),
+        "drive": ("predictor", "others", "domain"),
+    }[kind]
     slug = re.sub(r"[^A-Za-z0-9.=-]+", "_", "--".join(str(identity[name]) for name in names)).strip("_")[:120]
     return folder / f"{slug}--{digest_of(question(identity))}.json"
 

@@ -14,12 +14,16 @@ from motion_gym.contract import SpecError
 
 NAMESPACE = "motion_gym"
 VERSION = "v0"
+DRIVE = f"{NAMESPACE}/Drive-{VERSION}"
+"""The environment in which an agent drives."""
 
 
 def register_all() -> None:
     """Register ``motion_gym/<id>`` of every shipped domain in both registries; doing it again changes nothing."""
     for name, entry in DOMAINS.items():
         _register(f"{NAMESPACE}/{entry.env_id}", {"domain": name})
+    if DRIVE not in gymnasium.registry:
+        gymnasium.register(DRIVE, entry_point="motion_gym.driving.gymnasium_env:DriveEnv")
 
 
 def register(name: str, domain: str, **parameters: Any) -> str:
@@ -46,7 +50,8 @@ def register(name: str, domain: str, **parameters: Any) -> str:
             f"`{name}` cannot be the name of an environment: write a letter, then letters, digits or _, as `MyPlace`; "
             f"`-{VERSION}` is appended."
         )
-    shipped = {str(entry.env_id).lower(): entry.env_id for entry in DOMAINS.values()}
+    ids = [*(str(entry.env_id) for entry in DOMAINS.values()), DRIVE.partition("/")[2]]
+    shipped = {env_id.lower(): env_id for env_id in ids}
     taken = shipped.get(f"{name}-{VERSION}".lower())
     if taken:
         raise SpecError(f"`{name}` is the name of a shipped environment, {NAMESPACE}/{taken}: choose another name.")

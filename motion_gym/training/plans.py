@@ -95,11 +95,15 @@ def trainings() -> dict[str, Training]:
     plans["style/blind"] = Training("orca:d=0.4,radius=7")
     plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     plans["original/all"] = Training("eth", {"by": "nothing"}, joint)
-    plans["vehicles"] = Training("highway:style=brisk", further={"erm_no_sigma": joint})
+    without_sigma = ("erm_no_sigma", "invariant:sigma=false,penalty=0.125")
+    plans["vehicles"] = Training("highway:style=brisk", further={**dict.fromkeys(without_sigma, joint), **exact})
     plans["vehicles_spurious"] = Training("highway:style=normal,alpha=1", options=joint)
     # For streams: weights of other domains than the streamed ones, and oracles of the streamed ones.
     plans["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
     plans |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}
+    plans["online/traffic_styles"] = Training("highway:style=brisk", {"styles": ("calm", "aggressive")}, further=exact)
+    roundabout = {"styles": ("normal",), "scenario": "roundabout"}
+    plans["online/roundabout"] = Training("highway:style=brisk", roundabout, further=exact)
     plans["online/orca"] = Training("orca:d=0.4", {"styles": (0.3, 0.6)})
     return plans
 

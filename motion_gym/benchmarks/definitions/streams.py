@@ -25,6 +25,7 @@ STGAT_ROWS = (
     "hedge",
     "ekf:parts=last_layer,every=4",
 )
+TRAFFIC_ROWS = ("finetune:parts=last_layer,every=4", "kalman", "hedge")
 STYLE_ROWS = (
     "style",
     "refine",
@@ -37,6 +38,9 @@ STYLE_ROWS = (
     "hedge",
     "ekf:parts=modulator",
 )
+
+
+STRAIGHT, ROUNDABOUT = (f"highway:style=normal,scenario={scenario}" for scenario in ("straight", "roundabout"))
 
 
 def _kinds(domains: Sequence[str], frames: Sequence[int], again: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
@@ -92,6 +96,31 @@ ONLINE = Benchmark(
             TRIED,
             {"domains": ["zara2", "eth6"], "frames": 200},
             "online/places",
+        ),
+        "traffic_style": Shifts(
+            "Traffic: calm drivers, then aggressive ones",
+            "kalman_residual",
+            "vehicles",
+            _kinds(("highway:style=calm", "highway:style=aggressive"), (400, 400, 200)),
+            "kalman_residual:weights=online/traffic_styles",
+            TRAFFIC_ROWS,
+            TRIED,
+            {"domains": ["highway:style=normal", "highway:style=brisk"], "frames": 300, "split": "val"},
+            "vehicles",
+        ),
+        "traffic_scenario": Shifts(
+            "Traffic: a straight road, then a roundabout",
+            "kalman_residual",
+            "vehicles",
+            _kinds((STRAIGHT, ROUNDABOUT), (400, 400, 200)),
+            {
+                STRAIGHT: "kalman_residual:weights=vehicles",
+                ROUNDABOUT: "kalman_residual:weights=online/roundabout",
+            },
+            TRAFFIC_ROWS,
+            TRIED,
+            {"domains": [STRAIGHT, "highway:style=normal,scenario=merge"], "frames": 300, "split": "val"},
+            "vehicles",
         ),
     },
 )

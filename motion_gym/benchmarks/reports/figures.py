@@ -11,9 +11,16 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from motion_gym.benchmarks.reports.colors import color_of, styles_of
+from motion_gym.benchmarks.drives import Drives
+from motion_gym.benchmarks.objects import ORACLE
+from motion_gym.benchmarks.reports import drive_tables
+from motion_gym.benchmarks.reports.colors import PALETTE, color_of, styles_of
+from motion_gym.benchmarks.reports.conditions import Result, unit_of
 from motion_gym.benchmarks.reports.curves import Curves, Study
 from motion_gym.data.storage import write_atomic
+
+MARKERS = "osD^vP*X"
+"""Markers of points, so that rows of one color can be told apart."""
 
 
 def draw(curves: Sequence[Curves], path: Path) -> None:
@@ -49,6 +56,51 @@ def draw(curves: Sequence[Curves], path: Path) -> None:
         axes.set_title(panel.title, fontsize=10)
         axes.grid(alpha=0.3)
         axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    _write(figure, path)
+
+
+def score_by_error(drives: Drives, results: Sequence[Result], path: Path) -> None:
+    """The score of the planner over the error of the forecasts, a point for each row and column.
+
+    Args:
+        drives: Driven episodes.
+        results: Results of their runs.
+        path: File of the SVG.
+    """
+    cells = drive_tables.by_cell(drives, results)
+    figure, (axes,) = _figure(1)
+    rows = [row for row in dict.fromkeys(row for row, _ in cells) if row != ORACLE]
+    for place, row in enumerate(rows):
+        values = [
+            [drive_tables.means(cells, row, column, metric).mean() for column in drives.domains]
+            for metric in ("ADE", "score")
+        ]
+        axes.plot(*values, MARKERS[place % len(MARKERS)], color=color_of(row), label=row, markersize=6)
+    if (ORACLE, next(iter(drives.domains))) in cells:
+        scores = [drive_tables.means(cells, ORACLE, column, "score").mean() for column in drives.domains]
+        axes.axhline(float(np.mean(scores)), color="0.5", linestyle="--", linewidth=1, label="oracle, mean")
+    axes.set_xscale("log")
+    axes.set(xlabel=f"ADE of the forecasts, {unit_of(results)}", ylabel="score of the planner")
+    axes.set_title(f"{drives.title}: a point for each predictor and style", fontsize=10)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    _write(figure, path)
+
+
+def style_codes(study: Study, path: Path) -> None:
+    """Style codes of scenes on their two principal axes, a colour for each style; see ``style_codes.style_codes``."""
+    figure, (axes,) = _figure(1)
+    for color, (name, codes) in zip(PALETTE, study["codes"].items(), strict=False):
+        trained = name in study["trained"]
+        label = f"{name}{'' if trained else ' (held out)'}: {100 * study['recognised'][name]:.0f} % recognised"
+        points = np.array(codes)
+        axes.plot(*points.T, "o" if trained else "^", color=color, markersize=4, alpha=0.5)
+        axes.plot(*points.mean(axis=0), "o" if trained else "^", color=color, markersize=11, mec="black", label=label)
+    title = f"Style codes of single scenes; {100 * study['share']:.0f} % of their variance is on these two axes"
+    axes.set(xlabel="first axis", ylabel="second axis")
+    axes.set_title(title, fontsize=10)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
     _write(figure, path)
 
 

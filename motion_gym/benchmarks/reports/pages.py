@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
+from motion_gym.benchmarks.drives import Drives
 from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import NONE
 from motion_gym.benchmarks.own_rows import comparison_tables
-from motion_gym.benchmarks.reports import claims, curves, online_tables, seed_tables
+from motion_gym.benchmarks.reports import claims, curves, drive_tables, online_tables, seed_tables
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import Results
+from motion_gym.benchmarks.store import Run
 from motion_gym.data.storage import write_atomic
 
 
@@ -23,6 +25,8 @@ def short(results: Results) -> list[Table]:
         tables = [seed_tables.short_table(*part) for part in parts]
     else:
         tables = [function(name)(parts) for name in results.benchmark.tables]
+    for drives, runs in driven(results)[:1]:
+        tables += [drive_tables.score_table(drives, runs), drive_tables.correlation_table(drives, runs)]
     sudden = {name: rows for name in results.errors if (rows := results.stream_rows(name, "sudden"))}
     if sudden:
         tables.append(online_tables.summary_table({name: shifts[name].title for name in sudden}, sudden))
@@ -42,10 +46,17 @@ def everything(results: Results) -> list[Table]:
         comparisons = claims.compare(results.benchmark.claims, claims.part_panels(parts))
         tables.append(claims.claims_table(comparisons, results.benchmark.claims_over))
     tables += _study_tables(results)
+    for drives, runs in driven(results):
+        tables += drive_tables.tables(drives, runs)
     tables += [table for group in by_part[1:] for table in group]
     for name in results.errors:
         tables += _shift_tables(results, name)
     return [*tables, *comparison_tables(results).values()]
+
+
+def driven(results: Results) -> list[tuple[Drives, list[Run]]]:
+    """Tables of driven episodes with at least one complete row."""
+    return [(drives, runs) for drives, runs in results.drives if drive_tables.by_cell(drives, runs)]
 
 
 def write(results: Results, folder: Path) -> list[Path]:
@@ -67,6 +78,9 @@ def write(results: Results, folder: Path) -> list[Path]:
                 figures.draw(function(study.curves)(results.studies[study.name]), paths[-1])
             else:
                 function(study.draw)(results.studies[study.name], paths[-1])
+    for number, (drives, runs) in enumerate(driven(results)):
+        paths.append(folder / f"score_by_error_{number + 1}.svg")
+        figures.score_by_error(drives, runs, paths[-1])
     for name, shifts in results.benchmark.shifts.items():
         panels = {kind: rows for kind in shifts.streams if (rows := results.stream_rows(name, kind))}
         if panels:
