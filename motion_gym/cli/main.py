@@ -19,6 +19,7 @@ from motion_gym.cli.adapt import adapt
 from motion_gym.cli.check import check
 from motion_gym.cli.claims import claims
 from motion_gym.cli.data import data
+from motion_gym.cli.exchange import compare, validate
 from motion_gym.cli.inspect import inspect
 from motion_gym.cli.ls import ls
 from motion_gym.cli.output import only_json
@@ -40,6 +41,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "check": check,
     "inspect": inspect,
     "show": show,
+    "compare": compare,
+    "validate": validate,
     "claims": claims,
     "report": report,
     "serve": serve,

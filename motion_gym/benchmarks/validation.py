@@ -1,0 +1,211 @@
+"""Checks of results of others: their form, their weights and data, and a sample that is computed again."""
+
+from __future__ import annotations
+
+import json
+import lzma
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motion_gym import catalog
+from motion_gym.benchmarks.identity import SCORING_VERSION, canonical, question, windows_identity
+from motion_gym.benchmarks.json_schema import json_schema
+from motion_gym.contract import DataError, MotionGymError
+
+TOLERANCE = 1e-3
+"""Largest difference of a mean, in the unit of the domain, between a stored and a computed score: processors differ."""
+MISMATCH, UNSURE, FINE = "wrong", "not checked", "fine"
+Report = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The outcome for one run.
+
+    Attributes:
+        run: Which run: its predictor and domain, or the number of the line if it is no run.
+        verdict: ``fine``, ``wrong`` or ``not checked``.
+        reason: What was compared, or what is wrong, or why it could not be checked.
+    """
+
+    run: str
+    verdict: str
+    reason: str
+
+
+def read(path: Path) -> list[Any]:
+    """Contents of a packed file, of a JSON file, or of all JSON files in a folder; damaged ones stay as errors.
+
+    Raises:
+        DataError: there is nothing to read.
+    """
+    if path.is_dir():
+        contents = [_parsed(each.read_bytes) for each in sorted(path.rglob("*.json"))]
+        contents += [run for each in sorted(path.rglob("*.jsonl.xz")) for run in read(each)]
+        if not contents:
+            raise DataError(f"{path} has no results: name a folder that `motion-gym run --out` or `score --out` wrote.")
+        return contents
+    try:
+        data = path.read_bytes()
+        if path.name.endswith(".xz"):
+            return [_parsed(lambda line=line: line) for line in lzma.decompress(data).splitlines()]  # type: ignore[misc]
+    except (OSError, EOFError, lzma.LZMAError) as error:
+        raise DataError(f"{path} cannot be read: {error}. Name a .json, a .jsonl.xz or a folder of results.") from None
+    content = _parsed(lambda: data)
+    return content if isinstance(content, list) else [content]
+
+
+def _parsed(content: Callable[[], bytes]) -> Any:
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is not JSON")
+
+    try:
+        return json.loads(content(), parse_constant=refuse)
+    except (OSError, ValueError, RecursionError) as error:
+        return error
+
+
+def validate(
+    runs: Sequence[Any], recompute: int = 3, seed: int = 0, report: Report = lambda done, total, label: None
+) -> list[Finding]:
+    """Check runs, and compute some of them again.
+
+    Args:
+        runs: Contents of files, see ``read``.
+        recompute: Number of runs of windows that are computed again, drawn at random from those of shipped predictors.
+        seed: Seed of that choice.
+        report: Called before each run that is computed again.
+
+    Returns:
+        A finding for each run that is wrong, for each run that was computed again, and one for all others.
+    """
+    findings, sound = [], []
+    checks = _validators()
+    for number, run in enumerate(runs, 1):
+        problem = _problem(run, checks)
+        if problem:
+            findings.append(Finding(_name(run) or f"run {number}", MISMATCH, problem))
+        else:
+            sound.append(run)
+    asked: dict[str, int] = {}
+    for number, run in enumerate(sound, 1):
+        key = question(run["identity"])
+        if key in asked and run["identity"].get("session") == sound[asked[key] - 1]["identity"].get("session"):
+            findings.append(Finding(_name(run), MISMATCH, "the same run is there twice"))
+        asked[key] = number
+    findings += [finding for run in sound for finding in _compare_identity(run)]
+    own = [run for run in sound if run["identity"].get("session")]
+    if own:
+        findings.append(
+            Finding(f"{len(own)} runs", UNSURE, "of predictors, adapters or domains of a user: their code is not known")
+        )
+    candidates = [run for run in sound if run["identity"]["kind"] == "windows" and not run["identity"].get("session")]
+    wrong = {finding.run for finding in findings if finding.verdict == MISMATCH}
+    candidates = [run for run in candidates if _name(run) not in wrong]
+    chosen = np.random.default_rng(seed).permutation(len(candidates))[:recompute]
+    for done, index in enumerate(sorted(chosen.tolist())):
+        report(done, len(chosen), _name(candidates[index]))
+        findings.append(_compute_again(candidates[index]))
+    rest = len(sound) - len(chosen) - len(own) - len(wrong)
+    if rest > 0:
+        findings.append(Finding(f"{rest} other runs", FINE, "form, versions and digests; not computed again"))
+    return findings
+
+
+def _validators() -> Mapping[str, Any]:
+    import jsonschema
+
+    schema = json_schema()
+    common = {key: value for key, value in schema.items() if key != "oneOf"}
+    return {
+        part["properties"]["identity"]["properties"]["kind"]["const"]: jsonschema.Draft202012Validator(
+            {"allOf": [common, part]}
+        )
+        for part in schema["oneOf"]
+    }
+
+
+def _problem(run: Any, checks: Mapping[str, Any]) -> str:
+    """What is wrong with the form or the numbers of a run; empty if nothing is."""
+    if isinstance(run, Exception):
+        return f"it cannot be read: {run}"
+    identity: Any = run.get("identity") if isinstance(run, dict) else None
+    kind = identity.get("kind") if isinstance(identity, dict) else None
+    if not isinstance(kind, str) or kind not in checks:
+        return "it is not a result of motion-gym"
+    error = next(checks[kind].iter_errors(run), None)
+    if error is not None:
+        place = ".".join(map(str, error.absolute_path))
+        return f"`{place}`: {error.message[:200]}" if place else error.message[:200]
+    if identity["scoring_version"] != SCORING_VERSION:
+        return f"scoring version {identity['scoring_version']}, and this is {SCORING_VERSION}: score it again"
+    return _impossible(run)
+
+
+def _impossible(run: Mapping[str, Any]) -> str:
+    """Numbers that no computation gives: means outside their interval, negative errors, counts that do not fit."""
+    summaries = dict(run.get("metrics", {})) or {key: run[key] for key in ("ade", "fde") if key in run}
+    for name, value in summaries.items():
+        mean, low, high = (value.get(key) for key in ("mean", "low", "high"))
+        if mean is not None and low is not None and high is not None and not low - 1e-9 <= mean <= high + 1e-9:
+            return f"{name} {mean:.4g} lies outside its interval [{low:.4g}, {high:.4g}]"
+        if mean is not None and mean < 0 and name.lower() in ("ade", "fde"):
+            return f"{name} {mean:.4g} is negative, and an error is a distance"
+        if value.get("agent_windows", 1) < value.get("agents", 0):
+            return f"{name} has {value['agents']} agents in {value['agent_windows']} agent-windows"
+    if run["identity"]["kind"] == "windows":
+        if run["identity"]["predictor"] != run["predictor"]:
+            return f"its predictor is {run['predictor']}, and {run['identity']['predictor']} in its identity"
+        mean = float(np.mean(run["horizon"])) if run["horizon"] and None not in run["horizon"] else None
+        stored = summaries["ADE"]["mean"]
+        if mean is not None and stored is not None and run["reference_draws"] == 1 and abs(mean - stored) > TOLERANCE:
+            return f"its error by horizon has the mean {mean:.4f}, and its ADE is {stored:.4f}"
+    return ""
+
+
+def _compare_identity(run: Mapping[str, Any]) -> Iterator[Finding]:
+    """Versions and digests of shipped predictors, domains and weights that differ from those here."""
+    stored = run["identity"]
+    if stored["kind"] != "windows" or stored.get("session"):
+        return
+    options = {key: stored[key] for key in ("split", "protocol", "k", "seed", "references", "shots")}
+    try:
+        here = canonical(windows_identity(stored["predictor"], catalog.domain(stored["domain"]), **options))
+    except MotionGymError as error:
+        yield Finding(_name(run), UNSURE, str(error))
+        return
+    for part, name in (("versions", "version"), ("weights", "digest of the weights"), ("data", "digest of the data")):
+        for key, value in stored.get(part, {}).items():
+            if key in here[part] and here[part][key] != value:
+                yield Finding(_name(run), MISMATCH, f"{name} of {key}: {value} there, {here[part][key]} here")
+                return
+
+
+def _compute_again(run: Mapping[str, Any]) -> Finding:
+    from motion_gym.scoring.evaluation import evaluate
+
+    identity = run["identity"]
+    options = {key: identity[key] for key in ("split", "protocol", "k", "seed", "references", "shots")}
+    try:
+        card = evaluate(identity["predictor"], identity["domain"], reference_draws=run["reference_draws"], **options)
+    except MotionGymError as error:
+        return Finding(_name(run), UNSURE, f"it could not be computed again: {error}")
+    for name in ("ADE", "FDE"):
+        stored, computed = run["metrics"][name]["mean"], card.metrics[name].mean
+        if stored is None or abs(stored - computed) > TOLERANCE:
+            return Finding(_name(run), MISMATCH, f"{name} is {computed:.4f} {card.domain.unit} here, {stored} there")
+    return Finding(_name(run), FINE, f"computed again: ADE and FDE equal to {TOLERANCE:g} {card.domain.unit}")
+
+
+def _name(run: Any) -> str:
+    """Which run it is, for people."""
+    identity = run.get("identity") if isinstance(run, dict) else None
+    if not isinstance(identity, dict):
+        return ""
+    row = identity.get("predictor") or identity.get("row") or identity.get("study")
+    place = identity.get("domain") or identity.get("stream") or ""
+    return f"{row} on {place}" if place else str(row)

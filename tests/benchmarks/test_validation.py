@@ -1,0 +1,130 @@
+"""Results of others: what is refused, what is computed again, and how two are compared."""
+
+import copy
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+import motion_gym
+from motion_gym.benchmarks import comparison, running, validation
+from motion_gym.benchmarks.identity import windows_identity
+from motion_gym.benchmarks.json_schema import json_schema
+from motion_gym.benchmarks.store import Store, run_of
+from motion_gym.contract import DataError, SpecError
+
+DOMAIN = "orca:d=0.6,scenes=40"
+
+
+def scored(predictor, domain=DOMAIN):
+    place = motion_gym.domain(domain)
+    card = motion_gym.evaluate(predictor, place)
+    return json.loads(json.dumps(run_of(windows_identity(predictor, place, k=1), card.as_dict())))
+
+
+@pytest.fixture(scope="module")
+def run():
+    return scored("constant_velocity")
+
+
+def verdicts(*runs, **options):
+    return {finding.verdict for finding in validation.validate(copy.deepcopy(runs), **options)}
+
+
+def test_an_honest_run_is_computed_again(run):
+    (finding,) = validation.validate([run])
+    assert (finding.verdict, finding.reason[:14]) == (validation.FINE, "computed again")
+
+
+@pytest.mark.parametrize("name", running.BENCHMARKS)
+def test_shipped_runs_follow_the_schema(name):
+    runs = list(Store(name).runs.values())
+    sample = [runs[i] for i in np.linspace(0, len(runs) - 1, min(len(runs), 12)).astype(int)] if runs else []
+    found = [f for f in validation.validate(sample, recompute=0) if f.verdict == validation.MISMATCH]
+    assert found == []
+
+
+def test_the_schema_is_one(run):
+    jsonschema.Draft202012Validator.check_schema(json_schema())
+    jsonschema.validate(run, json_schema())
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**run, "seed": "0"}, json_schema())
+
+
+@pytest.mark.parametrize(
+    "edit, reason",
+    [
+        (lambda run: run["metrics"]["ADE"].update(mean=0.001), "lies outside its interval"),
+        (lambda run: run["metrics"]["ADE"].update(mean=-0.1, low=-0.2), "negative"),
+        (lambda run: run["metrics"]["ADE"].update(mean="0.1"), "is not of type"),
+        (lambda run: run["metrics"].pop("FDE"), "FDE"),
+        (lambda run: run["identity"].update(scoring_version=1), "scoring version 1"),
+        (lambda run: run["identity"]["versions"].update(constant_velocity=7), "version of constant_velocity"),
+        (lambda run: run["identity"].update(predictor="linear"), "in its identity"),
+        (lambda run: run.pop("provenance"), "provenance"),
+        (lambda run: run.update(horizon=[0.0] * 12), "by horizon"),
+    ],
+)
+def test_an_edited_run_is_wrong(run, edit, reason):
+    changed = copy.deepcopy(run)
+    edit(changed)
+    (finding,) = (f for f in validation.validate([changed]) if f.verdict == validation.MISMATCH)
+    assert reason in finding.reason
+
+
+def test_a_consistent_lie_is_found_by_computing_again(run):
+    changed = copy.deepcopy(run)
+    half = {key: value / 2 for key, value in run["metrics"]["ADE"].items() if key in ("mean", "low", "high")}
+    changed["metrics"]["ADE"].update(half)
+    changed["horizon"] = [value / 2 for value in run["horizon"]]
+    (finding,) = validation.validate([changed])
+    assert finding.verdict == validation.MISMATCH and "here" in finding.reason
+    assert verdicts(changed, recompute=0) == {validation.FINE}
+
+
+def test_runs_twice_and_contents_that_are_no_runs_are_named(run, tmp_path):
+    assert validation.MISMATCH in verdicts(run, run, recompute=0)
+    for content in ({}, [], None, 3, {"identity": {"kind": []}}, {"identity": {"kind": "windows"}}):
+        assert verdicts(content) == {validation.MISMATCH}
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text('{"identity": NaN')
+    (finding,) = validation.validate(validation.read(damaged))
+    assert "cannot be read" in finding.reason
+    damaged.unlink()
+    with pytest.raises(DataError, match="has no results"):
+        validation.read(tmp_path)
+
+
+def test_results_of_a_user_are_not_called_checked(run):
+    own = copy.deepcopy(run)
+    own["identity"]["session"] = "abc"
+    assert verdicts(own) == {validation.UNSURE}
+
+
+def test_predictors_are_compared_in_pairs():
+    ade, fde = comparison.compare_predictors("orca_oracle", "constant_velocity", DOMAIN)
+    assert (ade.metric, fde.metric, ade.how) == ("ADE", "FDE", comparison.PAIRED)
+    assert ade.mean == pytest.approx(ade.mean_a - ade.mean_b, abs=1e-6)
+    assert ade.high < 0 and ade.p < 0.01 and ade.effect < -0.5
+    (same, _) = comparison.compare_predictors("constant_velocity", "constant_velocity", DOMAIN)
+    assert (same.mean, same.effect, same.p) == (0, 0, 1)
+    text = comparison.comparison_table([ade, fde]).markdown()
+    assert "A: orca_oracle, B: constant_velocity" in text and comparison.PAIRED in text
+
+
+def test_files_are_compared_in_pairs_where_they_can_be_scored_again(run):
+    other = scored("constant_velocity:velocity=4")
+    (paired, _) = comparison.compare_results([other], [run])
+    assert paired.how == comparison.PAIRED and paired.mean < 0
+    own = copy.deepcopy(other)
+    own["identity"]["session"] = "abc"
+    (apart, _) = comparison.compare_results([own], [run])
+    assert apart.how == comparison.FROM_SUMMARIES and apart.effect is None
+    assert apart.mean == pytest.approx(paired.mean, abs=1e-3)
+    assert apart.high - apart.low > paired.high - paired.low
+
+
+def test_files_that_share_nothing_are_refused(run):
+    with pytest.raises(SpecError, match="no domain, split"):
+        comparison.compare_results([run], [scored("constant_velocity", "orca:d=0.3,scenes=40")])
