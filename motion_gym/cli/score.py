@@ -69,8 +69,9 @@ def score(
     warn_about(places)
     options = {"protocol": protocol, "split": split, "seed": seed, "references": references, "shots": shots}
     options["k"] = default_k(protocol) if k is None else k
-    session = begin(out, ["score", *predictors, *domain, str(sorted(options.items()))], resume)
-    runner = Runner(store.Store(None, out))
+    folder = None if out is None else out.absolute()  # a predictor may change the working folder
+    session = begin(folder, ["score", *predictors, *domain, str(sorted(options.items()))], resume)
+    runner = Runner(store.Store(None, folder))
     scored: list[store.Run] = []
     for place in places:
         with progress_bar() as progress:
@@ -84,7 +85,7 @@ def score(
         print_json(scored)
     for line in score_tables.conditions(scored) if scored and not as_json else ():
         console.print(escape(line), style="dim", highlight=False)
-    end(out, runner)
+    end(folder, runner)
     if out is not None and not as_json:
         say(f"Results are in {out}.")
 
