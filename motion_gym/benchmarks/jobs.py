@@ -15,7 +15,8 @@ from typing import Any
 from motion_gym import catalog
 from motion_gym.benchmarks import store as stores
 from motion_gym.benchmarks.identity import answered_by, label_of, question, row_name
-from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study, domain
+from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study
+from motion_gym.benchmarks.row_specs import domain
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import MotionGymError, SpecError
 from motion_gym.data.storage import StorageError

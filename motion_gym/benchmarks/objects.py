@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,8 +12,8 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
+from motion_gym.benchmarks.row_specs import domain, name_of_stream, with_parameters
 from motion_gym.contract import SpecError
-from motion_gym.online.streams import stream_name
 
 Report = Callable[[int, int, str], None]
 """Called with the number of finished runs, the number of all runs, and the label of the next run."""
@@ -181,7 +180,7 @@ class Shifts:
         oracles = [oracle] if isinstance(oracle, str) else list(oracle.values())
         predictors = [row] if row in FILTERS else [row, of, *oracles]
         domains = [domain(spec) for spec in dict.fromkeys(stream["domains"])]
-        return stream_identity(row, predictors, of, _name_of_stream(json.dumps(stream)), domains, {}, session)
+        return stream_identity(row, predictors, of, name_of_stream(json.dumps(stream)), domains, {}, session)
 
 
 @dataclass(frozen=True)
@@ -328,30 +327,3 @@ class Benchmark:
         from motion_gym.benchmarks import running  # imports this module
 
         return running.run(self, predictors, None if folder is None else Path(folder), **options)
-
-
-@functools.lru_cache(maxsize=64)
-def domain(spec: Any) -> Any:
-    """A domain by its spec, made once, so that its windows are kept; a domain is returned as it is."""
-    return catalog.domain(spec)
-
-
-@functools.cache
-def _name_of_stream(arguments: str) -> str:
-    return stream_name(**json.loads(arguments))
-
-
-def with_parameters(spec: str, **more: Any) -> str:
-    """A spec with further parameters, such as its weights and seed."""
-    name, parameters = catalog.parse_spec(spec)
-    return catalog.format_spec(name, {**parameters, **more})
-
-
-def takes_weights(spec: str) -> bool:
-    """Whether a predictor has weights."""
-    return "weights" in inspect.signature(type(catalog.predictor(spec))).parameters
-
-
-def weighted(rows: Sequence[str], weights: str) -> tuple[str, ...]:
-    """Specs of rows with weights."""
-    return tuple(with_parameters(row, weights=weights) for row in rows)

@@ -17,8 +17,9 @@ from motion_gym import catalog
 from motion_gym.benchmarks import running
 from motion_gym.benchmarks.identity import facts_of, label_of, row_name, shipped_card
 from motion_gym.benchmarks.jobs import Job, score_stream, stream_job
-from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part, with_parameters
+from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part
 from motion_gym.benchmarks.reports.table import Code, Table, interval, p_text
+from motion_gym.benchmarks.row_specs import with_parameters
 from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.store import Run
 from motion_gym.contract import SpecError

@@ -13,8 +13,8 @@ from motion_gym import catalog
 from motion_gym.benchmarks import store
 from motion_gym.benchmarks.identity import windows_identity
 from motion_gym.benchmarks.jobs import Job, Runner, score_windows
-from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.benchmarks.reports import score_tables
+from motion_gym.benchmarks.row_specs import takes_weights, with_parameters
 from motion_gym.checks.inspection import warn_about
 from motion_gym.cli.output import Json, Out, begin, console, end, print_json, progress_bar, reporter, say
 from motion_gym.contract import Domain, SpecError

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, SAMPLES, SEEDS, Benchmark, Drawing, Part, Study, weighted
+from motion_gym.benchmarks.objects import FILTERS, SAMPLES, SEEDS, Benchmark, Drawing, Part, Study
 from motion_gym.benchmarks.published import ALPHAS, ORIGINAL_WEIGHTS, PAPER, as_released
+from motion_gym.benchmarks.row_specs import weighted
 from motion_gym.training.plans import PLACES
 
 PLAIN = (*FILTERS, "linear", "linear:sigma=true", "linear:sigma=relative")
