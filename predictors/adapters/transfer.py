@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -134,6 +134,11 @@ class Transfer(Around):
         self.tuning = f"; then tuned on scenes of the domain: {chosen}"
         self.inner.use(tuned, card)
 
+    @property
+    def observe(self) -> Callable[[Truth], None]:  # type: ignore[override]
+        """Read the style from scenes whose 20 steps are all known; only where the wrapped predictor reads a style."""
+        return self.inner.observe  # type: ignore[no-any-return]
+
     def __getattr__(self, name: str) -> Any:
         """Forward the methods that ``Refine`` needs to the tuned predictor."""
         if name not in REFINABLE:
@@ -153,8 +158,7 @@ def _train(program: Any, data: Sequence[Truth], seeds: Sequence[int]) -> Weights
     weights = (part for name, value in sorted(program.begin.items()) for part in (name, value.numpy()))
     key = storage.digest(settings, *weights)
     if key not in _tuned:
-        run = training.train(program, seeds, device=program.device)
-        tuned = {name: value.detach().cpu() for name, value in run.weights.items()}
+        tuned = training.train(program, seeds, device=program.device).selected
         if program.sources:
             tuned["prior.code"] = mean_code([program.pairs, *program.sources], tuned)
         _tuned[key] = tuned

@@ -100,7 +100,8 @@ def _read_labels(observation: Observation, crops: Crops) -> None:
 def gaussians(places: Tensor, cells: int) -> Tensor:
     """Maps [..., cells, cells] of Gaussians around places [..., 2], with a standard deviation of one cell."""
     distance = (_centers(cells, places.device) - places[..., None]) * (cells / 2)
-    along, across = (-distance.square() / 2).exp().unbind(dim=-2)
+    # Not below exp(-18): numbers near the smallest ones of float32 are slow on CPUs.
+    along, across = (-distance.square() / 2).clamp(min=-18).exp().unbind(dim=-2)
     return across[..., :, None] * along[..., None, :]
 
 

@@ -21,6 +21,8 @@ from motion_gym.training.program import Program, Stage, Weights, check_complete,
 RATE = 1e-3
 GUIDED = 0.5
 """Share of the training windows whose future steps are forecast towards the true goal, not the mean goal."""
+UNKNOWN = 0.25
+"""Share of the training windows whose ground is hidden, so that the network also forecasts without images."""
 GOAL, PATH = 0.2, 0.1
 """Factors of the cross-entropies of the maps; errors of positions count in cells of the goal map."""
 FEW = 8
@@ -56,7 +58,7 @@ class Batch:
 
     @classmethod
     def of(cls, truth: Truth, device: torch.device, rng: np.random.Generator | None = None, **copy: float) -> Batch:
-        """All windows of a ground truth; with ``rng`` mirrored, turned and stretched at random.
+        """All windows of a ground truth; with ``rng`` mirrored, turned and stretched at random, some without ground.
 
         Args:
             truth: Complete windows.
@@ -79,6 +81,7 @@ class Batch:
             future[mirrored, :, 1] *= -1
             labels[mirrored] = labels[mirrored, ::-1]
             guided = rng.random(count) < GUIDED
+            labels[rng.random(count) < UNKNOWN] = 0
         arrays = (history, future, labels, crops.half.astype(np.float32), guided)
         return cls(*(torch.from_numpy(array).to(device) for array in arrays))
 
@@ -91,9 +94,10 @@ class HeatmapProgram(Program):
     """Training on all windows of a set of environments, each counting the same.
 
     In each epoch every window is mirrored with probability 1/2, turned by a small random angle, and its crop is
-    stretched by a random factor. The loss is the mean distance of the forecast from the future positions, plus the
-    cross-entropies of the maps of the goal and of the future steps under Gaussians around the true places. Half of the
-    windows are forecast towards the true goal, the others towards the mean goal, as in a forecast with k = 1.
+    stretched by a random factor; the ground of a quarter of the windows is hidden. The loss is the mean distance of the
+    forecast from the future positions, plus the cross-entropies of the maps of the goal and of the future steps under
+    Gaussians around the true places. Half of the windows are forecast towards the true goal, the others towards the
+    mean goal, as in a forecast with k = 1.
 
     Args:
         predictor: A ``Heatmap``.
@@ -117,7 +121,7 @@ class HeatmapProgram(Program):
         validation: Sequence[Truth],
         *,
         device: torch.device,
-        epochs: Sequence[int] = (60,),
+        epochs: Sequence[int] = (40,),
         batch: int = 32,
         angle: float = 0.1,
         stretch: float = 0.2,

@@ -26,6 +26,10 @@ ADAPTED = ("kalman:of=heatmap", "hedge:of=heatmap", "finetune:of=heatmap,steps=3
 """Online adapters that learn from all scenes at once. ``ekf`` learns from one scene at a time."""
 TRIED = tuple((epochs, rate) for rate in (1e-4, 3e-4, 1e-3, 3e-3) for epochs in (10, 30))
 """Epochs and learning rates that are compared on a held-out speed domain."""
+SCHEDULED = (
+    "heatmap",
+    *(f"transfer:of=heatmap,parts={parts},epochs={e},rate={r:g}" for parts in TUNED for e, r in TRIED),
+)
 
 
 def _shots(
@@ -81,10 +85,7 @@ SDD = Benchmark(
             "Schedules: trained with 0.25-0.75 and 1.25-1.75, tuned to 2.25-2.75",
             HELD_OUT,
             _batches((1, 3, 5)),
-            (
-                "heatmap",
-                *(f"transfer:of=heatmap,parts={parts},epochs={e},rate={r:g}" for parts in TUNED for e, r in TRIED),
-            ),
+            SCHEDULED,
             "sdd/held_out",
             samples=1,
         ),
