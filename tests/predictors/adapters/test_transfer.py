@@ -147,7 +147,7 @@ def test_unsuitable_scenes_settings_and_predictors_are_refused(source, target):
 def test_all_seeds_of_a_row_are_tuned_together(target, monkeypatch):
     tuned = []
     train = transfer.training.train
-    monkeypatch.setattr(transfer.training, "train", lambda *arguments: tuned.append(arguments) or train(*arguments))
+    monkeypatch.setattr(transfer.training, "train", lambda *a, **options: tuned.append(a) or train(*a, **options))
     for seed in (3, 4):
         mg.evaluate(f"transfer:parts=last_layer,epochs=1,style_weight=0,seed={seed}", target, shots=64, references=0)
     assert len(tuned) == 1
