@@ -181,10 +181,10 @@ class HeatmapTransfer(HeatmapProgram):
     scenes_per_batch: ClassVar[int] = 1
     """Any number of scenes will do: the last step of an epoch may have fewer than the others."""
     schedules: ClassVar[Mapping[str, tuple[int, float]]] = {
-        "all": (10, 3e-4),
-        "modulator": (30, 1e-3),
-        "low_rank": (30, 1e-3),
-        "last_layer": (30, 1e-3),
+        "all": (30, 3e-4),
+        "modulator": (30, 3e-3),
+        "low_rank": (30, 3e-3),
+        "last_layer": (10, 1e-4),
     }
     """Epochs and learning rate for each part, chosen on a held-out speed domain (`motion-gym run sdd`)."""
     published: ClassVar[tuple[int, float]] = (50, 1e-3)
