@@ -187,7 +187,7 @@ class HeatmapTransfer(HeatmapProgram):
         "last_layer": (10, 1e-4),
     }
     """Epochs and learning rate for each part, chosen on a held-out speed domain (`motion-gym run sdd`)."""
-    published: ClassVar[tuple[int, float]] = (50, 1e-3)
+    published: ClassVar[tuple[int, float]] = (30, 1e-3)
     """Epochs and learning rate by which the best epoch on target validation windows is selected."""
     reads_style: ClassVar[bool] = False
     chosen_on: ClassVar[str] = "speed domain"

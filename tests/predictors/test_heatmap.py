@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym as mg
-from motion_gym.checks.checker import check_predictor
 from motion_gym.checks.leaks import leak_probe
 from motion_gym.checks.predictor_trials import synthetic
 from motion_gym.contract import PredictorError, SpecError
@@ -29,9 +28,14 @@ from tests.walkers import crowd
 DOMAIN = mg.domain("orca", scenes=24)
 
 
+def few(scenes):
+    """Training and validation sets of some scenes of each source."""
+    return [[pick_scenes(truth, slice(0, scenes)) for truth in truths] for truths in training_set(DOMAIN)]
+
+
 @pytest.fixture(scope="module")
 def trained():
-    return Heatmap().fit(*training_set(DOMAIN), [0, 1], epochs=(1,), batch=64)
+    return Heatmap().fit(*few(4), [0, 1], epochs=(1,), batch=8)
 
 
 def ground(side, labels):
@@ -105,18 +109,26 @@ def test_goals_are_spread_over_a_map_and_depend_on_the_seed():
     assert not np.array_equal(one, other)
 
 
-def test_further_samples_lower_the_error_of_the_best(trained):
-    truth = DOMAIN.windows("test")
-    errors = [score(trained.predict(truth.observation, k), truth, k)[f"minADE_{k}"].mean() for k in (5, 20)]
-    assert errors[1] < errors[0] < score(trained.predict(truth.observation), truth)["ADE"].mean()
-    np.testing.assert_array_equal(
-        trained.predict(truth.observation, 3, 5).positions, trained.predict(truth.observation, 3, 5).positions
-    )
+def test_the_first_sample_is_the_forecast_and_a_seed_gives_the_same_samples(trained):
+    seen = crowd(3)
+    one, many, again = (trained.predict(seen, k, seed=4).positions for k in (1, 4, 4))
+    np.testing.assert_allclose(many[:, :1], one, atol=1e-5)
+    np.testing.assert_array_equal(many, again)
+
+
+def test_weights_of_drone_video_have_a_lower_error_than_constant_velocity(sdd):
+    predictor = Heatmap()
+    if not predictor.fitted:
+        pytest.skip("the weights `sdd` are not here: motion-gym weights add --from DIR")
+    truth = pick_scenes(mg.domain("sdd:speed=3.25-3.75,image=true,background=labels").windows("test"), slice(0, 60))
+    errors = score(predictor.predict(truth.observation, 20), truth, 20)
+    straight = score(mg.predictor("constant_velocity").predict(truth.observation), truth)
+    assert errors["ADE"].mean() < 0.95 * straight["ADE"].mean()
+    assert errors["minADE_20"].mean() < 0.6 * errors["ADE"].mean()
 
 
 def test_training_lowers_the_error_and_is_resumed_bit_for_bit(tmp_path, trained):
-    data = training_set(DOMAIN)
-    parts = [[pick_scenes(truth, slice(0, 8)) for truth in truths] for truths in data]
+    parts = few(2)
     whole = Heatmap().fit(*parts, 0, epochs=(3,), batch=8)
     stopped = []
 
@@ -135,15 +147,14 @@ def test_training_lowers_the_error_and_is_resumed_bit_for_bit(tmp_path, trained)
 
 
 def test_unsuitable_training_is_refused():
-    data = training_set(DOMAIN)
+    data = few(1)
     for option in ({"batch": 0}, {"angle": -1}, {"stretch": "wide"}, {"epochs": (1, 2)}):
         with pytest.raises(SpecError, match=next(iter(option))):
             Heatmap().fit(*data, 0, **option)
 
 
-def test_it_keeps_the_contract_and_looks_at_no_future(trained):
-    check_predictor(trained)
-    assert_nothing_leaks(leak_probe(trained, CrowdWithSigma(scenes=6), clock="windows", cuts=1))
+def test_it_looks_at_no_future(trained):
+    assert_nothing_leaks(leak_probe(trained, CrowdWithSigma(scenes=4), clock="windows", cuts=1))
 
 
 def test_offsets_and_the_last_layer_are_those_of_the_forecast(trained):
