@@ -252,11 +252,11 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         ),
     },
     "sdd": {
-        "Without transfer heatmap has a lower error in the fastest domain than constant velocity and the filters": _lower(
+        "Without transfer heatmap has a lower error in the fastest domain than the training-free rows": _lower(
             ["heatmap"], TRAINING_FREE, ["0"], panel="2"
         ),
         "Low-rank adapters have a lower mean error than tuning everything at 1 to 5 batches": _mean(
-            [HEAT_LOW_RANK], [HEAT_ALL], LATER_BATCHES[:4] + ("1",), panel="2"
+            [HEAT_LOW_RANK], [HEAT_ALL], ("1", *LATER_BATCHES[:4]), panel="2"
         ),
         "At 5 batches the modulator is not better than tuning everything": _lower(
             [HEAT_MODULATOR], [HEAT_ALL], ["5"], panel="2", where=NOWHERE
