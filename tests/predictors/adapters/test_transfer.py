@@ -10,6 +10,7 @@ import motion_gym as mg
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.data.domains import training_set
 from motion_gym.data.windows import pick_scenes
+from motion_gym.metrics.errors import score
 from motion_gym.predictors.adapters import transfer
 from motion_gym.predictors.adapters.refine import Refine
 from motion_gym.predictors.adapters.transfer import Transfer
@@ -87,6 +88,15 @@ def test_the_paper_protocol_selects_on_the_target(source, target):
     assert any("tuned as long as is best on validation scenes" in leak for leak in card.leaks)
     with pytest.raises(SpecError, match="is shown scenes of split `val`"):
         mg.evaluate(predictor, target, shots=64, protocol="paper", split="val")
+
+
+def test_validation_scenes_select_the_epoch(source, target):
+    validation, errors = target.windows("val"), []
+    for shown in (validation, None):
+        predictor = Transfer(source, parts="all", epochs=20, rate=3e-2)
+        predictor.tune(few(target, 1), shown)
+        errors.append(score(predictor.predict(validation.observation), validation)["ADE"].mean())
+    assert errors[0] < errors[1]
 
 
 def test_evaluation_leaves_a_predictor_untuned(source, target):
