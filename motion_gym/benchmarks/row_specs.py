@@ -30,6 +30,11 @@ def with_parameters(spec: str, **more: Any) -> str:
     return catalog.format_spec(name, {**parameters, **more})
 
 
+def of_seed(spec: str, seed: int) -> str:
+    """A spec with the seed of its weights, if it names weights."""
+    return with_parameters(spec, seed=seed) if "weights" in catalog.parse_spec(spec)[1] else spec
+
+
 def takes_weights(spec: str) -> bool:
     """Whether a predictor has weights."""
     return "weights" in inspect.signature(type(catalog.predictor(spec))).parameters
