@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, SAMPLES, Benchmark, Claim, Drawing, Part
+from motion_gym.benchmarks.objects import FILTERS, Benchmark, Claim, Drawing, Part
 
 SPEEDS = ("0.25-0.75", "1.25-1.75", "2.25-2.75", "3.25-3.75")
 PLAIN = (*FILTERS, "stand_still", "linear")
@@ -73,15 +73,6 @@ SDD = Benchmark(
             samples=1,
         ),
         _shots(
-            f"{_TO_FAST}, by the published protocol",
-            FAST,
-            _batches((0, 1, 3, 5)),
-            TRANSFERRED[:4],
-            "sdd",
-            protocol="paper",
-            samples=SAMPLES,
-        ),
-        _shots(
             "Schedules: trained with 0.25-0.75 and 1.25-1.75, tuned to 2.25-2.75",
             HELD_OUT,
             _batches((1, 3, 5)),
@@ -97,11 +88,8 @@ SDD = Benchmark(
     ),
     claims_over="batches",
     tables=("motion_gym.benchmarks.reports.seed_tables:schedules",),
-    drawings=(
-        Drawing("honest.svg", "batches of 8 scenes of 3.25-3.75", 2),
-        Drawing("paper.svg", "batches of 8 scenes of 3.25-3.75", 4, f"minADE_{SAMPLES}"),
-    ),
-    short=(0, 1, 2),
+    drawings=(Drawing("honest.svg", "batches of 8 scenes of 3.25-3.75", 2),),
+    short=(2,),
 )
 
 BIKERS = "sdd:scene=deathCircle,video=0,class=biker"
