@@ -183,6 +183,7 @@ def test_an_adapter_of_a_user_stands_among_those_that_ship(capsys, folder):
         ("run style --shift alpha", "style has no shift `alpha`"),
         ("run style --adapter kalman", "style has no streams for an adapter"),
         ("run online --shift style --only none --predictor linear", "online has no columns for a predictor"),
+        ("run style --address 127.0.0.1:6379", "options of the executor `ray`: add --executor ray"),
         ("run style --jobs 0", "`jobs=0` must be a whole number"),
         ("run style --into nowhere.md", "nowhere.md cannot be read"),
         ("run own_rows_here:SMALL --predictor own_rows_here:Stedy", "Did you mean `Steady`?"),
