@@ -79,9 +79,9 @@ def folder(tmp_path):
     return tmp_path
 
 
-def start(folder, line):
+def start(folder, line, command="run"):
     return subprocess.Popen(
-        [sys.executable, "-m", "motion_gym.cli.main", "run", *line.split()],
+        [sys.executable, "-m", "motion_gym.cli.main", command, *line.split()],
         cwd=folder / "work",
         env={**os.environ, "COLUMNS": "200"},
         stdout=subprocess.PIPE,
@@ -174,6 +174,27 @@ def test_tasks_that_reserve_a_part_of_a_gpu_run_where_there_is_one(cluster, node
     finish(process)
     assert {line.split(",")[2] for line in (folder / "calls").read_text().splitlines()} == {"0"}
     cluster.remove_node(node)
+
+
+def test_a_training_whose_node_is_killed_goes_on_from_its_last_checkpoint(cluster, nodes, folder):
+    line = "erm_no_sigma --domain orca:d=0.4,scenes=70 --seeds 0,1 --epochs 2 2 60 --every 1"
+    cluster.remove_node(nodes[0])
+    process = start(folder, f"{line} --executor ray --address {cluster.address}", "train")
+    saved = folder / "work/weights/orca_d=0.4_scenes=70/erm_no_sigma"
+    end = time.monotonic() + 120
+    while not saved.with_suffix(".checkpoint").exists():
+        assert process.poll() is None and time.monotonic() < end
+        time.sleep(0.02)
+    cluster.remove_node(nodes[1], allow_graceful=False)
+    killed = saved.with_suffix(".checkpoint").read_bytes()
+    cluster.add_node(num_cpus=1, **NODE)
+    finish(process)
+    assert saved.with_suffix(".checkpoint").read_bytes() != killed
+    finish(start(folder, f"{line} --out alone", "train"))
+    alone = folder / "work/alone" / saved.relative_to(folder / "work/weights")
+    on_cluster, here = (json.loads(path.with_suffix(".json").read_bytes()) for path in (saved, alone))
+    assert on_cluster["sha256"] == here["sha256"]
+    assert on_cluster["curve"] == here["curve"]
 
 
 def test_a_wrong_address_is_named_at_once(folder):
