@@ -1,5 +1,6 @@
 """The verb that runs a benchmark, as it is typed."""
 
+import importlib.util
 import json
 import os
 import re
@@ -193,3 +194,11 @@ def test_mistakes_are_one_message(capsys, line, message):
     with pytest.raises(SystemExit) as stopped:
         main(shlex.split(line))
     assert stopped.value.code == 2 and message in capsys.readouterr().err
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="Ray is installed")
+@pytest.mark.parametrize("line", ["run style --executor ray", "train erm --benchmark style --executor ray"])
+def test_without_ray_the_message_says_how_to_install_it(capsys, line):
+    with pytest.raises(SystemExit) as stopped:
+        main(shlex.split(line))
+    assert stopped.value.code == 2 and 'pip install "motion-gym[ray]"' in capsys.readouterr().err
