@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-clients test-page test-portable check results bench clean
+.PHONY: demo test test-clients test-page test-portable check site results bench clean
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt
 
@@ -53,6 +53,14 @@ $(VENV)/.page: $(VENV)/.ready
 test-page: $(VENV)/.page
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/page $(ARGS)
 
+# The documentation, in site/; a broken link fails.
+$(VENV)/.site: $(VENV)/.installed
+	$(INSTALL) -e "$(ROOT)[site]"
+	@touch $@
+
+site: $(VENV)/.site
+	cd $(ROOT) && NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 # The numerical tests under other code paths of the same libraries, as other processors take them.
 NUMERICAL := tests/metrics tests/data tests/envs tests/stepping tests/scoring tests/online tests/predictors tests/training
 test-portable: $(VENV)/.ready
@@ -85,4 +93,4 @@ bench: $(VENV)/.ready
 	cd $(ROOT) && BIN=$(BIN) sh bench/run
 
 clean:
-	rm -rf $(VENV) $(CLIENTS)-* $(ROOT)build $(ROOT)dist $(ROOT)*.egg-info
+	rm -rf $(VENV) $(CLIENTS)-* $(ROOT)build $(ROOT)dist $(ROOT)site $(ROOT)*.egg-info
