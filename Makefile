@@ -85,6 +85,7 @@ results: $(VENV)/.ready
 	  done
 	cd $(ROOT) && for name in style places; do $(BIN)/motion-gym run $$name --into README.md || exit 1; done
 	cd $(ROOT) && $(BIN)/motion-gym claims --out docs/claims.md
+	cd $(ROOT) && $(BIN)/python docs/pitfalls.py
 	cd $(ROOT) && $(BIN)/motion-gym show orca:agents=10,d=0.5,scenes=50 --scene 3 --predictor constant_velocity \
 	  --predictor modular_stgat --out docs/scene.svg
 

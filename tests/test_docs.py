@@ -1,6 +1,7 @@
 """README and docs: tables equal those of the stored runs, code runs, and links have targets."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -51,6 +52,22 @@ def test_tables_of_the_readme_are_made_from_the_stored_runs(name):
 
 def test_claims_are_made_from_the_stored_runs():
     assert (ROOT / "docs" / "claims.md").read_text() == claims_page.page()
+
+
+@pytest.fixture(scope="module")
+def pitfalls():
+    """The program that writes docs/pitfalls.md."""
+    return runpy.run_path(str(ROOT / "docs" / "pitfalls.py"))
+
+
+def test_pitfalls_are_made_from_the_stored_runs(pitfalls):
+    text = (ROOT / "docs" / "pitfalls.md").read_text()
+    sections = list(pitfalls["from_runs"]())
+    assert len(sections) == 4 and all(f"\n\n{section}\n\n" in text for section in sections)
+
+
+def test_pitfalls_are_computed_again_from_the_recordings(pitfalls, eth_ucy):
+    assert (ROOT / "docs" / "pitfalls.md").read_text() == pitfalls["page"]()
 
 
 def test_readme_is_short():
