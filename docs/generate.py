@@ -26,6 +26,8 @@ from motion_gym.metrics.errors import METRICS
 
 ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"(\]\()([^)#\s:]+)((?:#[^)]*)?\))")
+AT_THE_ROOT = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
+"""Pages of the site that are files at the root of the repository."""
 AS_THEY_ARE = (".md", ".svg")
 """Endings of linked files outside docs that are pages or pictures; others become pages that show the file."""
 PICTURES = {
@@ -74,12 +76,13 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the README as the first page, the reference, its pictures, and each linked file outside docs."""
+    """Add the pages at the root of the repository, the reference, its pictures, and each linked file outside docs."""
 
     def add(path: str, **content: Any) -> None:
         files.append(File.generated(config, path, **content))
 
-    add("index.md", content=LINK.sub(_from_readme, (ROOT / "README.md").read_text()))
+    for path, name in AT_THE_ROOT.items():
+        add(path, content=LINK.sub(_from_the_root, (ROOT / name).read_text()))
     for path, text in pages().items():
         add(path, content=text)
     for name, (spec, predictor) in PICTURES.items():
@@ -120,7 +123,7 @@ def _root_path(folder: str, link: str) -> str | None:
 def _outside() -> set[Path]:
     """Files outside docs that pages link to, and files that those link to."""
     found: set[Path] = set()
-    ahead = [(path.parent, path) for path in (*(ROOT / "docs").glob("*.md"), ROOT / "README.md")]
+    ahead = [(path.parent, path) for path in (*(ROOT / "docs").glob("*.md"), *map(ROOT.joinpath, AT_THE_ROOT.values()))]
     ahead += [(path.parent, path) for path in SHIPPED.glob("*/tables.md")]
     found |= {path.relative_to(ROOT) for ending in AS_THEY_ARE for path in SHIPPED.glob(f"*/*{ending}")}
     while ahead:
@@ -134,8 +137,8 @@ def _outside() -> set[Path]:
     return found
 
 
-def _from_readme(match: re.Match[str]) -> str:
-    """A link of the README, as seen from docs."""
+def _from_the_root(match: re.Match[str]) -> str:
+    """A link of a page at the root of the repository, as seen from docs."""
     link = match[2]
     return match[1] + (link.removeprefix("docs/") if link.startswith("docs/") else f"../{link}") + match[3]
 

@@ -71,7 +71,8 @@ def _best_of_20() -> str:
         "sample, which no robot can do.",
         table,
         f"At zara1 the samples of a filter lower its error by {100 * (1 - twenty / one):.0f} %; its one forecast is no "
-        "better than constant velocity. A deterministic method has no such gain. Compare methods at the same k, and state k = 1.",
+        "better than constant velocity. A deterministic method has no such gain. Compare methods at the same k, and "
+        "state k = 1.",
     )
 
 
@@ -108,8 +109,8 @@ def _frame_rate() -> str:
     return _section(
         "The frame rate of eth",
         "The file that published evaluations use for eth lists every 10th frame, which is 0.667 s in this recording. "
-        "It is scored as 0.4 s, so that people seem to walk 1.67 times too fast. `eth6` is the same scene with steps of "
-        "0.4 s.",
+        "It is scored as 0.4 s, so that people seem to walk 1.67 times too fast. `eth6` is the same scene with steps "
+        "of 0.4 s.",
         _table(["method", "eth", "eth6"], rows),
         f"The error of constant velocity at eth is {slow / true:.2f} times that at eth6, on {windows[0]} against "
         f"{windows[1]} agent-windows. A mean over the five places inherits it.",
@@ -128,9 +129,9 @@ def _future_leak() -> str:
         "The noise feature sigma of the paper is computed from steps that are forecast. Predictors are trained with "
         "alpha up to 8 and tested at eth.",
         _table(["sigma reads the", "method", "alpha = 8", "alpha = 64"], rows),
-        f"With the leak the error at alpha = 8 is {100 * (1 - leaking / plain):.0f} % lower, and the gain looks like that "
-        "of a better model. Where sigma reads the past the gain is gone. [Protocols](protocols.md) says how leaks are "
-        "found.",
+        f"With the leak the error at alpha = 8 is {100 * (1 - leaking / plain):.0f} % lower, and the gain looks like "
+        "that of a better model. Where sigma reads the past the gain is gone. [Protocols](protocols.md) says how leaks "
+        "are found.",
     )
 
 
