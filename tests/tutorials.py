@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-BLOCK = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r'^```(?:{ \.)?(\w+)(?: title="([^"]+)")?(?: })?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 
 
 def follow(page, folder):
