@@ -120,6 +120,10 @@ PREDICTORS = {
     "ego_modular": Entry(
         "motion_gym.predictors.ego:EgoModular", "ego_erm with a style, the distance that agents keep; needs PyTorch"
     ),
+    "heatmap": Entry(
+        "motion_gym.predictors.heatmap:Heatmap",
+        "U-Net that draws heat maps of goals and paths, with the ground where there are images; needs PyTorch",
+    ),
     "orca_oracle": Entry(
         "motion_gym.predictors.orca_oracle:OrcaOracle", "oracle: knows d and simulates ORCA; needs whole scenes of orca"
     ),

@@ -30,7 +30,7 @@ class EgoErm(Weighted):
     """
 
     kind: ClassVar[str] = "ego_erm"
-    sets: ClassVar[tuple[str, ...]] = ("style",)
+    sets: ClassVar[tuple[str, ...]] = ("style", "vehicles")
     networks: ClassVar[tuple[str, ...]] = ("plain",)
     program: ClassVar[type[EgoProgram]] = EgoProgram
 

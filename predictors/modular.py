@@ -18,7 +18,7 @@ from motion_gym.predictors.settings import setting
 from motion_gym.predictors.style_memory import StyleMemory
 from motion_gym.predictors.training.objectives import Erm, Irm, Objective
 from motion_gym.predictors.training.style_training import StyleProgram
-from motion_gym.predictors.training.transfer_training import PARTS
+from motion_gym.predictors.training.transfer_training import PARTS, TransferProgram
 from motion_gym.predictors.weighted import Weighted
 from motion_gym.specs import number
 from motion_gym.training.program import Weights
@@ -130,6 +130,8 @@ class Modular(StyleMemory, StyleErm):
         "prior.code": (CODE,),
         "prior.dt": (1,),
     }
+    transfer: ClassVar[type[TransferProgram]] = TransferProgram
+    """Training program of the predictor ``transfer``."""
     # Forecasts do not depend on the projection head.
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
         name: tuple(prefix for prefix in prefixes if prefix != "head") for name, prefixes in PARTS.items()

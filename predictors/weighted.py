@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 DT = 0.4
 """Seconds per step of weights whose card does not state it."""
+SIZES = ("scenes", "runs", "seconds", "seed")
+"""Parameters of simulated domains that say how much is simulated, and from which seed."""
 SEED = optional(whole(0, 2**31))
 
 
@@ -37,7 +39,8 @@ class Weighted:
 
     Args:
         weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file. By default, ``auto``,
-            the first of the shipped sets ``sets`` that was not trained in a world on which the predictor is scored.
+            one of the shipped ``sets`` that was not trained in the world where the predictor is scored; see
+            ``choose_weights``.
         seed: Seed of the trained model to use; by default the first.
 
     Raises:
@@ -109,16 +112,21 @@ class Weighted:
     def choose_weights(self, domains: Sequence[Domain]) -> None:
         """Choose the shipped weights for a score on domains, unless the predictor has weights.
 
-        A predictor must not be scored in a world that it was trained in. This takes the first of ``sets`` that was not
-        trained in the world of any of the domains, or the first one if there is none.
+        A predictor must not be scored in a world that it was trained in, unless the world is simulated anew for each
+        split. Of the other ``sets``, this takes the one whose training domains are most like the domains: of the same
+        name, then with the most equal parameters, then the first. Sets of a simulated domain are taken for that domain
+        alone. The first of ``sets`` is taken if there is none.
         """
-        worlds = {domain.world for domain in domains}
+        worlds = {domain.world for domain in domains if not _is_simulated(domain)}
+        alike: dict[str, tuple[bool, int]] = {}
         for name in self.sets if self.tensors is None else ():
             with contextlib.suppress(PredictorError):  # these settings have no such weights
-                card = read_card(locate(name, self.name))
-                if worlds.isdisjoint(catalog.domain(source).world for source in card["trained_on"]):
-                    self.chosen = name
-                    return
+                sources = [catalog.domain(source) for source in read_card(locate(name, self.name))["trained_on"]]
+                likeness = max(_likeness(source, domain) for source in sources for domain in domains)
+                elsewhere = any(map(_is_simulated, sources)) and not likeness[0]
+                if not elsewhere and worlds.isdisjoint(source.world for source in sources):
+                    alike[name] = likeness
+        self.chosen = max(alike, key=lambda name: alike[name], default=self.chosen)
 
     def fit(
         self,
@@ -243,3 +251,15 @@ class Weighted:
             PredictorError: the file is missing or damaged, or holds the weights of another model.
         """
         self.use(*read(Path(path)), str(path))
+
+
+def _is_simulated(domain: Domain) -> bool:
+    return bool(getattr(type(domain), "draws_each_split", False))
+
+
+def _likeness(source: Domain, domain: Domain) -> tuple[bool, int]:
+    """Whether two domains have one name, and the number of their equal parameters."""
+    first, second = source.card, domain.card
+    compared = {name: value for name, value in first.parameters.items() if name not in SIZES}
+    equal = sum(second.parameters.get(name, first) == value for name, value in compared.items())
+    return first.name == second.name, equal if first.name == second.name else 0

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.added_weights import needs_weights
 from tests.traffic import needs_highway_env
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
@@ -60,6 +61,7 @@ def test_every_example_is_tested():
         "driving.py",
         "drone_video.py",
         "gymnasium_loop.py",
+        "heat_map.py",
         "new_style.py",
         "own_adapter.py",
         "own_checkpoint.py",
@@ -78,6 +80,12 @@ def test_drone_video(folder, sdd):
     assert "fitted to: 0.25-0.75, 1.25-1.75, 2.25-2.75\n" in out
     assert errors == pytest.approx([70.6, 66.6, 2.51, 2.33], rel=0.01)
     assert (folder / "drone.png").stat().st_size > 20_000
+
+
+def test_heat_map(folder, sdd):
+    needs_weights("heatmap")
+    assert python(folder, "heat_map.py") == "Written: heat_map.png\n"
+    assert (folder / "heat_map.png").stat().st_size > 20_000
 
 
 def test_gymnasium_loop(folder):

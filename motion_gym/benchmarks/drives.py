@@ -9,7 +9,8 @@ from typing import Any
 
 from motion_gym.benchmarks.identity import drive_identity, facts_of, label_of, row_name
 from motion_gym.benchmarks.jobs import Job
-from motion_gym.benchmarks.objects import SEEDS, Benchmark, domain, with_parameters
+from motion_gym.benchmarks.objects import SEEDS, Benchmark
+from motion_gym.benchmarks.row_specs import domain, with_parameters
 
 
 @dataclass(frozen=True)

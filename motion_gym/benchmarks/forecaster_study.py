@@ -9,7 +9,8 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.data.domains import training_set
-from motion_gym.metrics.bootstrap import paired_difference
+from motion_gym.metrics.bootstrap import clustered_interval, paired_difference
+from motion_gym.metrics.calibration import inside
 from motion_gym.metrics.errors import score
 from motion_gym.stepping.harness import ask, ready
 from motion_gym.training.plans import training
@@ -17,6 +18,8 @@ from motion_gym.training.plans import training
 CHOSEN = "filter chosen on the sources"
 FILTERS = ("kalman_velocity", *(f"constant_velocity:velocity={steps}" for steps in ("last", 2, 3, 4, 5, 6, 7)))
 """Training-free forecasters to choose from."""
+STEPS = (4, 8, 12)
+"""Future steps whose coverage is measured."""
 
 
 def against_filters(
@@ -52,6 +55,39 @@ def against_filters(
         result[place] = {name: _entry(values, errors[row] - values, agent) for name, values in errors.items()}
     card = catalog.domain(next(iter(places))).card
     return {"row": row, "places": result, "chosen": chosen, "unit": card.unit, "dt": card.dt}
+
+
+def coverage(
+    rows: Sequence[str], trained: Sequence[str], places: Mapping[str, str], samples: int, shares: Sequence[float]
+) -> dict[str, Any]:
+    """Share of the ground truth that lies in the regions which samples span, by row, place and future step.
+
+    Args:
+        rows: Forecasters without weights.
+        trained: Forecasters with the weights of the plan of each place, seed 0.
+        places: Training plan by place.
+        samples: Number of samples.
+        shares: Shares of the samples that a region holds.
+
+    Returns:
+        ``coverage``: row -> place -> share -> step -> mean, low and high of the 95 % interval over agents; ``shares``,
+        ``steps`` and ``samples``.
+    """
+    result: dict[str, Any] = {row: {} for row in (*rows, *trained)}
+    for place, plan in places.items():
+        domain = catalog.domain(place)
+        truth = domain.windows("test")
+        for row in result:
+            spec = f"{row}:weights={plan},seed=0" if row in trained else row
+            forecast = ask(ready(spec, domain), truth.observation, samples, 0)
+            result[row][place] = {
+                str(share): {
+                    str(step): clustered_interval(inside(forecast, truth, step, share), truth.observation.agent)[:3]
+                    for step in STEPS
+                }
+                for share in shares
+            }
+    return {"coverage": result, "shares": list(shares), "steps": list(STEPS), "samples": samples}
 
 
 def ablations(

@@ -15,7 +15,8 @@ from typing import Any
 from motion_gym import catalog
 from motion_gym.benchmarks import store as stores
 from motion_gym.benchmarks.identity import answered_by, label_of, question, row_name
-from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study, domain
+from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study
+from motion_gym.benchmarks.row_specs import domain
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import MotionGymError, SpecError
 from motion_gym.data.storage import StorageError
@@ -244,16 +245,21 @@ def stream_job(
 ) -> Job:
     """An adapter, a spec or a class, around a predictor on a stream, with the arguments of ``stream``."""
     text = json.dumps(arguments, sort_keys=True)
-    compute = functools.partial(_stream_result, adapter, of, shifts.oracle_of(arguments["seed"]), text)
+    oracle, fitted_to = shifts.oracle_of(arguments["seed"]), tuple(shifts.fitted_to)
+    compute = functools.partial(_stream_result, adapter, of, oracle, text, fitted_to)
     label = f"{', '.join(where)}: {label_of(adapter)}, seed {arguments['seed']}"
     return Job(label, where, row, text, [shifts.identity(adapter, of, arguments, session)], compute)
 
 
-def _stream_result(row: Any, of: str, oracle: str | Mapping[str, str], arguments: str) -> list[dict[str, Any]]:
-    return [score_stream(row, of, oracle, arguments)[1]]
+def _stream_result(
+    row: Any, of: str, oracle: str | Mapping[str, str], arguments: str, fitted_to: tuple[str, ...]
+) -> list[dict[str, Any]]:
+    return [score_stream(row, of, oracle, arguments, fitted_to)[1]]
 
 
-def score_stream(row: Any, of: str, oracle: Any, arguments: str) -> tuple[Any, dict[str, Any]]:
+def score_stream(
+    row: Any, of: str, oracle: Any, arguments: str, fitted_to: tuple[str, ...] = ()
+) -> tuple[Any, dict[str, Any]]:
     """Card of a row around a predictor on a stream, and the result in JSON types.
 
     Args:
@@ -261,6 +267,7 @@ def score_stream(row: Any, of: str, oracle: Any, arguments: str) -> tuple[Any, d
         of: Predictor that is adapted.
         oracle: Specs of the oracle's predictors.
         arguments: Arguments of ``stream``, as JSON.
+        fitted_to: Domains on whose training windows the adapted predictor is fitted; empty if it has weights.
     """
     from motion_gym.online.evaluation import evaluate_online
     from motion_gym.online.target_oracle import TargetOracle
@@ -268,9 +275,20 @@ def score_stream(row: Any, of: str, oracle: Any, arguments: str) -> tuple[Any, d
     if row == ORACLE:
         predictor: Any = TargetOracle(oracle)
     else:
-        predictor = catalog.predictor(row) if row in FILTERS else catalog.adapter(row, of)
+        source = _fitted(of, fitted_to) if fitted_to else of
+        predictor = catalog.predictor(row) if row in FILTERS else catalog.adapter(row, source)
     card = evaluate_online(predictor, _stream(arguments))
     return card, {"row": label_of(row), "of": of, **card.as_dict()}
+
+
+@functools.lru_cache(maxsize=4)
+def _fitted(spec: str, domains: tuple[str, ...]) -> Any:
+    """A predictor that is fitted to the training windows of some domains."""
+    predictor: Any = catalog.predictor(spec)
+    places = [domain(name) for name in domains]
+    predictor.fit([place.windows("train") for place in places], [place.windows("val") for place in places], 0)
+    predictor.trained_on = domains
+    return predictor
 
 
 @functools.lru_cache(maxsize=8)

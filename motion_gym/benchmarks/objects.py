@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,8 +12,8 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
+from motion_gym.benchmarks.row_specs import domain, name_of_stream, of_seed, with_parameters
 from motion_gym.contract import SpecError
-from motion_gym.online.streams import stream_name
 
 Report = Callable[[int, int, str], None]
 """Called with the number of finished runs, the number of all runs, and the label of the next run."""
@@ -138,13 +137,15 @@ class Shifts:
     Attributes:
         title: Heading.
         source: Name of the predictor that is adapted.
-        weights: Its weights.
+        weights: Its weights; empty for a predictor that is fitted in closed form.
         streams: Arguments of ``stream`` by kind, without the seed.
-        oracle: Predictors that were trained on the target, without the seed: by domain, or one for all.
+        oracle: Predictors that were trained on the target, without the seed: by domain, or one for all. One without
+            weights is fitted to the scored people themselves.
         rows: Adapters.
         tried: Settings to choose from, by the name of an adapter.
         chosen_on: Arguments of ``stream`` of another shift, on which settings are chosen; its frames are not scored.
         chosen_with: Weights of the predictor on that shift.
+        fitted_to: Domains on whose training windows a predictor without weights is fitted.
     """
 
     title: str
@@ -156,16 +157,18 @@ class Shifts:
     tried: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     chosen_on: Mapping[str, Any] = field(default_factory=dict)
     chosen_with: str = ""
+    fitted_to: Sequence[str] = ()
 
     def of(self, seed: int, weights: str | None = None) -> str:
         """Spec of the predictor that is adapted."""
-        return with_parameters(self.source, weights=weights or self.weights, seed=seed)
+        name = weights or self.weights
+        return with_parameters(self.source, weights=name, seed=seed) if name else self.source
 
     def oracle_of(self, seed: int) -> str | dict[str, str]:
         """Specs of the oracle's predictors: one, or one for each domain."""
         if isinstance(self.oracle, str):
-            return with_parameters(self.oracle, seed=seed)
-        return {domain: with_parameters(spec, seed=seed) for domain, spec in self.oracle.items()}
+            return of_seed(self.oracle, seed)
+        return {domain: of_seed(spec, seed) for domain, spec in self.oracle.items()}
 
     def settings(self, row: str) -> list[str]:
         """Specs of a row with each of the settings that are tried."""
@@ -180,8 +183,9 @@ class Shifts:
         oracle = self.oracle_of(stream["seed"]) if row == ORACLE else {}
         oracles = [oracle] if isinstance(oracle, str) else list(oracle.values())
         predictors = [row] if row in FILTERS else [row, of, *oracles]
-        domains = [domain(spec) for spec in dict.fromkeys(stream["domains"])]
-        return stream_identity(row, predictors, of, _name_of_stream(json.dumps(stream)), domains, {}, session)
+        domains = [domain(spec) for spec in dict.fromkeys([*stream["domains"], *self.fitted_to])]
+        options = {"fitted_to": list(self.fitted_to)} if self.fitted_to else {}
+        return stream_identity(row, predictors, of, name_of_stream(json.dumps(stream)), domains, options, session)
 
 
 @dataclass(frozen=True)
@@ -328,30 +332,3 @@ class Benchmark:
         from motion_gym.benchmarks import running  # imports this module
 
         return running.run(self, predictors, None if folder is None else Path(folder), **options)
-
-
-@functools.lru_cache(maxsize=64)
-def domain(spec: Any) -> Any:
-    """A domain by its spec, made once, so that its windows are kept; a domain is returned as it is."""
-    return catalog.domain(spec)
-
-
-@functools.cache
-def _name_of_stream(arguments: str) -> str:
-    return stream_name(**json.loads(arguments))
-
-
-def with_parameters(spec: str, **more: Any) -> str:
-    """A spec with further parameters, such as its weights and seed."""
-    name, parameters = catalog.parse_spec(spec)
-    return catalog.format_spec(name, {**parameters, **more})
-
-
-def takes_weights(spec: str) -> bool:
-    """Whether a predictor has weights."""
-    return "weights" in inspect.signature(type(catalog.predictor(spec))).parameters
-
-
-def weighted(rows: Sequence[str], weights: str) -> tuple[str, ...]:
-    """Specs of rows with weights."""
-    return tuple(with_parameters(row, weights=weights) for row in rows)

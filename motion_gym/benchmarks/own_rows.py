@@ -17,8 +17,9 @@ from motion_gym import catalog
 from motion_gym.benchmarks import running
 from motion_gym.benchmarks.identity import facts_of, label_of, row_name, shipped_card
 from motion_gym.benchmarks.jobs import Job, score_stream, stream_job
-from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part, with_parameters
+from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part
 from motion_gym.benchmarks.reports.table import Code, Table, interval, p_text
+from motion_gym.benchmarks.row_specs import with_parameters
 from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.store import Run
 from motion_gym.contract import SpecError
@@ -206,14 +207,19 @@ def _adapter_jobs(results: Results, adapter: Any, of: str | None, session: str) 
             source, arguments = shifts.of(seed), {**shifts.streams[kind], "seed": seed}
             job = stream_job(shifts, (name, kind), row, adapter, of or source, arguments, session)
             # The comparison takes further runs: it is made for the first seed alone.
-            compare = functools.partial(_compare_on_stream, adapter, of or source, source, best_spec, job.domain)
+            fitted_to = tuple(shifts.fitted_to)
+            compare = functools.partial(
+                _compare_on_stream, adapter, of or source, source, best_spec, job.domain, fitted_to
+            )
             yield job if seed else dataclasses.replace(job, compute=compare)
 
 
-def _compare_on_stream(adapter: Any, of: str, source: str, best: str | None, arguments: str) -> list[dict[str, Any]]:
+def _compare_on_stream(
+    adapter: Any, of: str, source: str, best: str | None, arguments: str, fitted_to: tuple[str, ...]
+) -> list[dict[str, Any]]:
     """Result of an adapter on a stream, with its comparison with two shipped rows."""
-    card, result = score_stream(adapter, of, None, arguments)
-    others = {row: score_stream(row, source, None, arguments)[0].values for row in (BASELINE, best) if row}
+    card, result = score_stream(adapter, of, None, arguments, fitted_to)
+    others = {row: score_stream(row, source, None, arguments, fitted_to)[0].values for row in (BASELINE, best) if row}
     return [{**result, "versus": _compare(card.values, others, card.person, best)}]
 
 

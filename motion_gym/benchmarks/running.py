@@ -35,6 +35,7 @@ BENCHMARKS: Mapping[str, str] = {
     "planning": "motion_gym.benchmarks.definitions.driving:PLANNING",
     "baselines": "motion_gym.benchmarks.definitions.places:BASELINES",
     "sdd": "motion_gym.benchmarks.definitions.drone:SDD",
+    "sdd_style": "motion_gym.benchmarks.definitions.drone:SDD_STYLE",
     "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
 }
 """Where each shipped benchmark is defined, by its name."""

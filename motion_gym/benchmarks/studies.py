@@ -14,7 +14,7 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import shipped_card
-from motion_gym.benchmarks.objects import takes_weights, with_parameters
+from motion_gym.benchmarks.row_specs import takes_weights, with_parameters
 from motion_gym.contract import FUTURE, Domain, SpecError, Truth
 from motion_gym.data.domains import spec_of, training_set
 from motion_gym.data.windows import pick_scenes

@@ -82,6 +82,7 @@ def adapt(
         learners[ORACLE] = TargetOracle(oracle)
     options: dict[str, Any] = {"labels": labels, "scope": scope, "realtime": realtime, "cost": cost, "seed": seed}
     arguments = ["adapt", predictor, *adapter, "on", *on, played.name, str(oracle), str(sorted(options.items()))]
+    out = None if out is None else out.absolute()  # a predictor may change the working folder
     session = begin(out, arguments, resume)
     changed = {name: value for name, value in options.items() if value != DEFAULTS[name]}
     runner = Runner(store.Store(None, out))

@@ -28,6 +28,7 @@ from motion_gym.cli.run import run
 from motion_gym.cli.score import score
 from motion_gym.cli.show import show
 from motion_gym.cli.train import import_weights, train
+from motion_gym.cli.weights import weights
 from motion_gym.contract import MotionGymError
 from motion_gym.specs import suggest
 
@@ -47,6 +48,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "report": report,
     "serve": serve,
     "data": data,
+    "weights": weights,
 }
 PURPOSE = "Test motion forecasters where they will be used."
 RESUMED = ("score", "run", "adapt", "train")

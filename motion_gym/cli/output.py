@@ -20,7 +20,11 @@ from motion_gym.benchmarks.jobs import Runner
 from motion_gym.contract import PredictorError
 from motion_gym.data.storage import StorageError
 
+NARROWEST = 40
+"""Characters; where COLUMNS says less, as 0 in some jobs, tables are as wide as in a terminal of 80."""
 console = Console(emoji=False)
+if console.width < NARROWEST:
+    console = Console(emoji=False, width=80)
 Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Text = Annotated[str | None, tyro.conf.arg(metavar="TEXT")]
 Json = Annotated[bool, tyro.conf.arg(name="json")]

@@ -56,7 +56,8 @@ def run(
     from motion_gym.benchmarks.reports import pages
 
     chosen = running.benchmark(benchmark)
-    folder = (out or FOLDER) / chosen.name
+    place = (out or FOLDER).absolute()  # a predictor may change the working folder
+    folder = place / chosen.name
     if into is not None:
         marked_block.check_markers(into, chosen.name)
     own = predictor or adapter or ":" in benchmark
@@ -84,7 +85,7 @@ def run(
         changed = marked_block.insert(into, chosen.name, text)
         say(f"{into}: {'written' if changed else 'already up to date'}")
     if pack:
-        results.runner.store.pack(out or FOLDER)
+        results.runner.store.pack(place)
     if out is not None:
         for path in pages.write(results, folder):
             say(f"Written: {path}")

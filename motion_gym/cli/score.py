@@ -13,8 +13,8 @@ from motion_gym import catalog
 from motion_gym.benchmarks import store
 from motion_gym.benchmarks.identity import windows_identity
 from motion_gym.benchmarks.jobs import Job, Runner, score_windows
-from motion_gym.benchmarks.objects import takes_weights, with_parameters
 from motion_gym.benchmarks.reports import score_tables
+from motion_gym.benchmarks.row_specs import takes_weights, with_parameters
 from motion_gym.checks.inspection import warn_about
 from motion_gym.cli.output import Json, Out, begin, console, end, print_json, progress_bar, reporter, say
 from motion_gym.contract import Domain, SpecError
@@ -69,8 +69,9 @@ def score(
     warn_about(places)
     options = {"protocol": protocol, "split": split, "seed": seed, "references": references, "shots": shots}
     options["k"] = default_k(protocol) if k is None else k
-    session = begin(out, ["score", *predictors, *domain, str(sorted(options.items()))], resume)
-    runner = Runner(store.Store(None, out))
+    folder = None if out is None else out.absolute()  # a predictor may change the working folder
+    session = begin(folder, ["score", *predictors, *domain, str(sorted(options.items()))], resume)
+    runner = Runner(store.Store(None, folder))
     scored: list[store.Run] = []
     for place in places:
         with progress_bar() as progress:
@@ -84,7 +85,7 @@ def score(
         print_json(scored)
     for line in score_tables.conditions(scored) if scored and not as_json else ():
         console.print(escape(line), style="dim", highlight=False)
-    end(out, runner)
+    end(folder, runner)
     if out is not None and not as_json:
         say(f"Results are in {out}.")
 

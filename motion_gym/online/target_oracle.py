@@ -18,6 +18,8 @@ REFERENCES = 64
 class TargetOracle:
     """Uses the predictor that was trained for the current domain; a predictor with a style observes reference scenes.
 
+    A predictor without weights that is fitted in closed form is fitted to the scored windows of the current domain.
+
     Args:
         predictors: Specs of predictors by spec of the domain, or one spec for all domains.
 
@@ -31,7 +33,7 @@ class TargetOracle:
         specs = [predictors] if isinstance(predictors, str) else predictors.values()
         self._predictors: dict[str, Any] = {spec: catalog.predictor(spec) for spec in specs}
         for predictor in self._predictors.values():
-            if getattr(predictor, "fitted", True) is False:
+            if getattr(predictor, "fitted", True) is False and not getattr(predictor, "fit_on_demand", True):
                 raise PredictorError(
                     f"{name_of(predictor)} is not trained, and cannot be an oracle: name one with weights."
                 )
@@ -46,7 +48,13 @@ class TargetOracle:
     @property
     def selection(self) -> str:
         """How the weights were selected."""
-        return "; ".join(dict.fromkeys(selection_of(predictor) for predictor in self._predictors.values()))
+        fitted = "fitted to the scored windows of each domain"
+        return "; ".join(
+            dict.fromkeys(
+                selection_of(predictor) if hasattr(predictor, "trained_on") else fitted
+                for predictor in self._predictors.values()
+            )
+        )
 
     @property
     def trained_on(self) -> tuple[str, ...]:
@@ -68,6 +76,8 @@ class TargetOracle:
             raise SpecError(f"There is no oracle for {spec}; there are some for {', '.join(self.by_domain)}.")
         self._current = self.by_domain if isinstance(self.by_domain, str) else self.by_domain[spec]
         predictor = self._predictors[self._current]
+        if getattr(catalog.predictor(self._current), "fitted", True) is False:
+            predictor.fit([domain.windows("test")], [], 0)
         if hasattr(predictor, "observe"):
             predictor.reset()
             tell(predictor, pick_scenes(domain.reference(), slice(0, REFERENCES)))

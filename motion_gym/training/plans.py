@@ -98,6 +98,14 @@ def trainings() -> dict[str, Training]:
     without_sigma = ("erm_no_sigma", "invariant:sigma=false,penalty=0.125")
     plans["vehicles"] = Training("highway:style=brisk", further={**dict.fromkeys(without_sigma, joint), **exact})
     plans["vehicles_spurious"] = Training("highway:style=normal,alpha=1", options=joint)
+    # Of each target of low-shot transfer, with label maps of the ground.
+    ground = "image=true,background=labels"
+    plans["sdd"] = Training(f"sdd:speed=3.25-3.75,{ground}")
+    plans["sdd/held_out"] = Training(f"sdd:speed=2.25-2.75,{ground}", {"speeds": ("0.25-0.75", "1.25-1.75")})
+    plans["sdd/bikers"] = Training(f"sdd:scene=deathCircle,video=0,class=biker,{ground}")
+    plans["sdd/fast_bikers"] = Training(
+        f"sdd:scene=deathCircle,class=biker,speed=4-8,{ground}", {"speeds": ("0.5-3.5",)}
+    )
     # For streams: weights of other domains than the streamed ones, and oracles of the streamed ones.
     plans["online/places"] = Training("hotel", {"among": ("eth", "zara2")}, joint)
     plans |= {f"online/alpha_{a}": Training("eth:alpha=1", {"alphas": (a,) * 4}, joint) for a in (1, 64)}

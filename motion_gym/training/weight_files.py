@@ -16,6 +16,7 @@ from torch import Tensor
 from motion_gym.contract import PredictorError
 from motion_gym.data.storage import StorageError, atomic_file, digest, write_atomic
 from motion_gym.specs import suggest
+from motion_gym.training import added_weights
 from motion_gym.training.plans import WEIGHTS
 
 SHIPPED = WEIGHTS
@@ -23,29 +24,31 @@ SHIPPED = WEIGHTS
 
 
 def locate(weights: str, row: str) -> Path:
-    """File of weights, by name or path.
+    """File of weights, by name or path; weights that do not come with the package are those that were added.
 
     Args:
         weights: Path of a ``.safetensors`` file, or name of a benchmark with shipped weights (``spurious``).
         row: Predictor with its settings, such as ``invariant:penalty=1``.
 
     Raises:
-        PredictorError: there is no such file.
+        PredictorError: there is no such file, or it must be added first.
     """
     if weights.endswith(".safetensors"):
         path = Path(os.path.expanduser(weights))
         if not path.is_file():
             raise PredictorError(f"There is no file {path}: weights are a .safetensors and a .json.")
         return path
-    names = {p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.safetensors")}
+    names = {p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.json")}
     if weights not in names:
         raise PredictorError(
             f"There are no weights `{weights}`: give a file that ends in .safetensors, or a name."
             f"{suggest(weights, names)}"
         )
     path = SHIPPED / weights / file_name(row)
+    if (name := path.relative_to(SHIPPED).as_posix()) in added_weights.left_out():
+        return added_weights.path_of_added(name, row, weights)
     if not path.is_file():
-        rows = [p.stem.replace("-", ":", 1) for p in path.parent.glob("*.safetensors")]
+        rows = [p.stem.replace("-", ":", 1) for p in path.parent.glob("*.json")]
         raise PredictorError(
             f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "
             f"--benchmark {weights}."

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.linalg import cho_solve, solve_triangular
 
 from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, Truth
 from motion_gym.predictors.adapters.adapter import KEPT, Adapter, KnownSteps
@@ -71,6 +72,8 @@ class Kalman(Adapter):
         super()._start()
         self.precision = self.pull = self.mean = np.zeros((0, 0))
         """[C, C] sum of phi phi' and [C, O] sum of phi y', with forgetting and without the prior; [C, O] weights W."""
+        self.factor = np.zeros((0, 0))
+        """[C, C] lower Cholesky factor of ``precision`` with the prior; empty before the first update."""
         self.squares, self.count = np.zeros(FUTURE), np.zeros(FUTURE)
         """[12] sums, with forgetting, of squared residuals per coordinate and of their weights, by future step."""
         self.moved = 0.0
@@ -126,9 +129,10 @@ class Kalman(Adapter):
         past = (self.precision, self.pull) if self.precision.size else (0.0, 0.0)
         precision, pull = fade * past[0] + phi.T @ phi, fade * past[1] + phi.T @ y
         try:
-            mean = np.linalg.solve(self.ridge * np.eye(len(precision)) + precision, self.ridge * layer.weight + pull)
+            factor = np.linalg.cholesky(self.ridge * np.eye(len(precision)) + precision)
+            mean = cho_solve((factor, True), self.ridge * layer.weight + pull, check_finite=False)
         except np.linalg.LinAlgError:
-            mean = np.full_like(pull, np.nan)
+            factor, mean = self.factor, np.full_like(pull, np.nan)
 
         # The residual of a new point has the variance noise * (1 + phi' P phi).
         residual = self._combined(experts) - truth.future
@@ -137,7 +141,7 @@ class Kalman(Adapter):
         if not np.isfinite(mean).all() or not np.isfinite(noise[new_steps]).all():
             self.rolled_back += 1
             return
-        self.precision, self.pull, self.mean = precision, pull, mean
+        self.precision, self.pull, self.factor, self.mean = precision, pull, factor, mean
         self.moved = float(np.linalg.norm(mean - layer.weight) / max(np.linalg.norm(layer.weight), 1e-9))
         self.squares = fade * self.squares + np.where(new_steps, noise, 0).sum(axis=0)
         self.count = fade * self.count + new_steps.sum(axis=0)
@@ -182,6 +186,7 @@ class Kalman(Adapter):
 
     def _uncertainty(self, layer: LastLayer) -> np.ndarray:
         """Phi' P phi for each agent and step, [A, 12]."""
-        precision = self.precision if self.precision.size else 0.0
-        covariance = np.linalg.inv(self.ridge * np.eye(layer.inputs.shape[1]) + precision)
-        return layer.by_step(np.einsum("rc,cd,rd->r", layer.inputs, covariance, layer.inputs, optimize=True))
+        if not self.factor.size:
+            return layer.by_step((layer.inputs**2).sum(axis=1) / self.ridge)
+        whitened = solve_triangular(self.factor, layer.inputs.T, lower=True, check_finite=False)
+        return layer.by_step((whitened**2).sum(axis=0))

@@ -1,8 +1,8 @@
-"""Low-shot transfer: a trained modular predictor is tuned on a few scenes of a new style."""
+"""Low-shot transfer: a trained predictor is tuned on a few scenes of a new domain."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -13,24 +13,13 @@ from motion_gym.data import storage
 from motion_gym.data.windows import check_truth, digest
 from motion_gym.predictors.adapters.around import Around
 from motion_gym.predictors.adapters.refine import REFINABLE
-from motion_gym.predictors.modular import Modular
-from motion_gym.predictors.settings import one_of, optional, positive, setting, whole
+from motion_gym.predictors.settings import any_text, optional, positive, setting, whole
 from motion_gym.predictors.training.style_training import mean_code
-from motion_gym.predictors.training.transfer_training import BATCH, PARTS, TransferProgram
-from motion_gym.specs import number
+from motion_gym.specs import number, one_of
 from motion_gym.stepping.harness import name_of
 from motion_gym.training import loop as training
 from motion_gym.training.program import Weights
 
-SCHEDULES: Mapping[str, tuple[int, float]] = {
-    "all": (100, 1e-4),
-    "style": (100, 1e-4),
-    "modulator": (100, 1e-3),
-    "last_layer": (100, 1e-3),
-}
-"""Epochs and learning rate for each part, chosen on a held-out style (`motion-gym run transfer`)."""
-PUBLISHED = (300, 1e-3)
-"""Epochs and learning rate of the released program, which selects the best epoch on target validation scenes."""
 KEPT = 8
 """Number of tuned weight sets to cache: all seeds are tuned together, and requested one after the other."""
 
@@ -39,35 +28,44 @@ _tuned: dict[str, Weights] = {}
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class Transfer(Around):
-    """Wraps a modular predictor that is tuned on a few scenes of a new style (section 4.2 of the paper).
+    """Wraps a predictor that is tuned on a few scenes of a new domain (section 4.2 of the paper).
+
+    Predictors name their program in the attribute ``transfer``: ``modular`` and ``modular_invariant`` are tuned on
+    batches of 64 scenes of a style, ``heatmap`` on batches of 8 scenes.
 
     Each call of ``tune`` starts from the trained weights. Before the first call, forecasts are those of the trained
     predictor.
 
     Args:
-        of: See ``Around``; a modular predictor.
+        of: See ``Around``; a modular predictor or ``heatmap``.
         weights: See ``Around``.
         seed: See ``Around``.
         parts: Weights to tune: ``all``; ``style``, all but the scene encoder (psi, f and g of the paper);
-            ``modulator``, f alone; ``last_layer`` of the decoder.
-        epochs: Passes over the scenes; by default ``SCHEDULES``, or ``PUBLISHED`` with validation scenes.
+            ``modulator``, f alone; ``low_rank``, adapters of the encoder; ``last_layer`` of the decoder.
+        epochs: Passes over the scenes; by default those of the program for the part, or the published ones with
+            validation scenes.
         rate: Learning rate of Adam; the default is that of ``epochs``.
         style_weight: Factor of the style loss, which separates the new style from the training styles.
 
     Raises:
         SpecError: a setting is unknown or not allowed.
-        PredictorError: the predictor is not modular.
+        PredictorError: the predictor cannot be tuned.
     """
 
-    parts: str = setting("modulator", one_of(PARTS))
+    parts: str = setting("modulator", any_text)
     epochs: int | None = setting(None, optional(whole(1, 10**6)))
     rate: float | None = setting(None, optional(positive))
     style_weight: float = setting(0.05, number)
     kind: ClassVar[str] = "transfer"
 
     def _prepare(self) -> None:
-        if not isinstance(self.inner, Modular):
-            raise PredictorError(f"{name_of(self.inner)} cannot be tuned to a style: use modular or modular_invariant.")
+        if not hasattr(type(self.inner), "transfer"):
+            raise PredictorError(
+                f"{name_of(self.inner)} cannot be tuned to a style: use modular, modular_invariant or heatmap."
+            )
+        self.program: Any = type(self.inner).transfer
+        """Class of the training program, see ``TransferProgram``."""
+        one_of("parts", self.parts, self.program.tunable, f"transfer of {name_of(self.inner)}")
         self.tuning = ""
         """Sentence on how the weights were tuned; empty before."""
         self.trained: tuple[Weights, dict[str, Any]] | None = None
@@ -79,28 +77,30 @@ class Transfer(Around):
         return super().selection + self.tuning
 
     def schedule(self, published: bool = False) -> tuple[int, float]:
-        """Epochs and learning rate; the defaults are those of ``SCHEDULES``, or the published ones."""
-        epochs, rate = PUBLISHED if published else SCHEDULES[self.parts]
+        """Epochs and learning rate; the defaults are those of the program for the part, or the published ones."""
+        epochs, rate = self.program.published if published else self.program.schedules[self.parts]
         return self.epochs or epochs, self.rate or rate
 
     def tune(self, scenes: Truth, validation: Truth | None = None) -> None:
         """Tune the weights of all seeds at once.
 
         Args:
-            scenes: Complete scenes of the new style, of two agents; a multiple of 64.
-            validation: Further scenes of the new style. If given, the epoch with the lowest error on them is selected,
+            scenes: Complete scenes of the new domain; whole batches of the program.
+            validation: Further scenes of the new domain. If given, the epoch with the lowest error on them is selected,
                 as in the released program, which uses 3,000 such scenes. Otherwise the last epoch is used.
 
         Raises:
             DataError: a set is not a valid Truth.
-            PredictorError: there are no weights; the scenes are not a multiple of 64, not complete, not of two agents,
-                or of another time step; or the style loss needs the training domains, and the weights do not name them.
+            PredictorError: there are no weights; the scenes are not whole batches, not complete, of the wrong number of
+                agents, or of another time step; or the style loss needs the training domains, and the weights do not
+                name them.
         """
         count = check_truth(scenes, "The scenes to tune on").observation.scenes
-        if not count or count % BATCH:
+        batch = self.program.scenes_per_batch
+        if not count or count % batch:
             raise PredictorError(
-                f"{self.name} is tuned on batches of {BATCH} scenes, and was given {count} scenes: give "
-                f"{max(count // BATCH, 1) * BATCH}."
+                f"{self.name} is tuned on batches of {batch} scenes, and was given {count} scenes: give "
+                f"{max(count // batch, 1) * batch}."
             )
         if self.trained is None:
             self.inner.fingerprint  # noqa: B018  # loads the weights, or raises if there are none
@@ -113,25 +113,31 @@ class Transfer(Around):
                 raise PredictorError(f"{self.name} is tuned on scenes whose 20 steps are all known: give such scenes.")
         trained_on = tuple(card.get("trained_on", ()))
         # The style loss does not depend on the modulator or the decoder.
-        style_weight = self.style_weight if {"style", "head"} & set(PARTS[self.parts]) else 0.0
+        style_weight = self.style_weight if {"style", "head"} & set(self.program.tunable[self.parts]) else 0.0
         if style_weight and not trained_on:
             raise PredictorError(
                 "The style loss compares the new style with the training styles, but the weights of "
                 f"{self.inner.name} do not name the domains that they were trained on: set style_weight=0."
             )
         epochs, rate = self.schedule(published=validation is not None)
-        program = TransferProgram(
-            weights, scenes, _windows(trained_on), self.parts, epochs, rate, style_weight, validation
-        )
-        tuned = _train(program, truths, card.get("seeds", list(range(len(weights["prior.dt"])))))
+        sources = _windows(trained_on) if self.program.reads_style else []
+        program = self.program(weights, scenes, sources, self.parts, epochs, rate, style_weight, validation)
+        models = len(next(iter(weights.values())))
+        tuned = _train(program, truths, card.get("seeds", list(range(models))))
         if validation is not None:
             chosen = "the best epoch on validation scenes of the domain itself"
         elif self.epochs or self.rate:
             chosen = "as long and as fast as is said, the last epoch"
         else:
-            chosen = "as long and as fast as is best on a style that was left out of training, the last epoch"
+            left_out = f"a {self.program.chosen_on} that was left out of training"
+            chosen = f"as long and as fast as is best on {left_out}, the last epoch"
         self.tuning = f"; then tuned on scenes of the domain: {chosen}"
         self.inner.use(tuned, card)
+
+    @property
+    def observe(self) -> Callable[[Truth], None]:  # type: ignore[override]
+        """Read the style from scenes whose 20 steps are all known; only where the wrapped predictor reads a style."""
+        return self.inner.observe  # type: ignore[no-any-return]
 
     def __getattr__(self, name: str) -> Any:
         """Forward the methods that ``Refine`` needs to the tuned predictor."""
@@ -145,14 +151,14 @@ def _windows(specs: tuple[str, ...]) -> list[Truth]:
     return [catalog.domain(spec).windows("train") for spec in specs]
 
 
-def _train(program: TransferProgram, data: Sequence[Truth], seeds: Sequence[int]) -> Weights:
+def _train(program: Any, data: Sequence[Truth], seeds: Sequence[int]) -> Weights:
     """The tuned weights of all seeds, from the cache if the same tuning was done before."""
     stages = [(stage.epochs, stage.rates) for stage in program.stages]
     settings = repr(([digest(truth)["sha256"] for truth in data], stages, program.config, seeds))
     weights = (part for name, value in sorted(program.begin.items()) for part in (name, value.numpy()))
     key = storage.digest(settings, *weights)
     if key not in _tuned:
-        tuned = training.train(program, seeds).weights
+        tuned = training.train(program, seeds, device=program.device).selected
         if program.sources:
             tuned["prior.code"] = mean_code([program.pairs, *program.sources], tuned)
         _tuned[key] = tuned

@@ -56,6 +56,7 @@ class LastLayer:
             ones, or those of a simpler forecast.
         turn: [A, 2, 2] matrices that turn world row vectors into the frame of the outputs; None for the world frame.
         moves: Whether the vectors are displacements from step to step instead of offsets from ``last``.
+        scale: [A] float64, length of a vector of length 1 of each agent, in the unit of positions; None for 1.
     """
 
     inputs: np.ndarray
@@ -63,6 +64,7 @@ class LastLayer:
     last: np.ndarray
     turn: np.ndarray | None = None
     moves: bool = True
+    scale: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
@@ -78,11 +80,15 @@ class LastLayer:
             vectors = vectors.cumsum(axis=1)
         if self.turn is not None:
             vectors = vectors @ self.turn.transpose(0, 2, 1)
+        if self.scale is not None:
+            vectors = vectors * self.scale[:, None, None]
         return np.asarray(self.last + vectors)
 
     def outputs(self, positions: np.ndarray) -> np.ndarray:
         """Outputs [R, O] of positions [A, 12, 2]: the inverse of ``positions``."""
         vectors = positions - self.last
+        if self.scale is not None:
+            vectors = vectors / np.where(self.scale > 0, self.scale, 1.0)[:, None, None]
         if self.turn is not None:
             vectors = vectors @ self.turn
         if self.moves:
@@ -125,7 +131,8 @@ def tunable(predictor: Any, parts: str) -> list[str]:
     if not isinstance(predictor, Tunable):
         raise PredictorError(
             f"{name} has no weights that gradients reach (`tensors`, `parts`, `offsets`): use one of the STGAT or "
-            "modular family, such as erm or modular_invariant, or kalman_residual; `linear` is adapted by kalman."
+            "modular family, such as erm or modular_invariant, or kalman_residual, or heatmap; `linear` is adapted by "
+            "kalman."
         )
     one_of("parts", parts, {"all", "style", "modulator", "last_layer", *predictor.parts})
     if parts not in predictor.parts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -24,6 +25,15 @@ PARTS: Mapping[str, tuple[str, ...]] = {
 """Tunable weights: all; all but the scene encoder (psi, f, g of the paper); f alone; the last layer."""
 BATCH = 64
 """Scenes per step; the style of a step is the mean code of its own scenes."""
+SCHEDULES: Mapping[str, tuple[int, float]] = {
+    "all": (100, 1e-4),
+    "style": (100, 1e-4),
+    "modulator": (100, 1e-3),
+    "last_layer": (100, 1e-3),
+}
+"""Epochs and learning rate for each part, chosen on a held-out style (`motion-gym run transfer`)."""
+PUBLISHED = (300, 1e-3)
+"""Epochs and learning rate of the released program, which selects the best epoch on target validation scenes."""
 
 
 class TransferProgram(Program):
@@ -39,6 +49,18 @@ class TransferProgram(Program):
         style_weight: Factor of the style loss.
         target: Scenes for model selection; None to use the last epoch.
     """
+
+    tunable: ClassVar[Mapping[str, tuple[str, ...]]] = PARTS
+    """Weights that can be tuned, by the name of the part."""
+    scenes_per_batch: ClassVar[int] = BATCH
+    """The number of scenes must be a multiple of this."""
+    schedules: ClassVar[Mapping[str, tuple[int, float]]] = SCHEDULES
+    published: ClassVar[tuple[int, float]] = PUBLISHED
+    reads_style: ClassVar[bool] = True
+    """Whether the program compares the style of the scenes with that of the training domains."""
+    chosen_on: ClassVar[str] = "style"
+    """What was left out of training to choose the schedules."""
+    device: ClassVar[str] = "cpu"
 
     def __init__(
         self,

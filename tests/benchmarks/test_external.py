@@ -6,8 +6,9 @@ import pytest
 
 from motion_gym.benchmarks import running
 from motion_gym.benchmarks.identity import windows_identity
-from motion_gym.benchmarks.objects import Benchmark, External, Part, domain
+from motion_gym.benchmarks.objects import Benchmark, External, Part
 from motion_gym.benchmarks.own_rows import best_row
+from motion_gym.benchmarks.row_specs import domain
 from motion_gym.benchmarks.store import Store
 from motion_gym.contract import SpecError
 

@@ -37,6 +37,7 @@ SETTINGS = {
     "refine": (1, "of='modular_invariant', weights=None, seed=None, steps=3, rate=0.001, memory=0"),
     "ego_erm": (1, "weights=None, seed=None"),
     "ego_modular": (1, "weights=None, seed=None"),
+    "heatmap": (1, "weights=None, seed=None"),
     "orca_oracle": (1, ""),
     "constant_acceleration": (1, "steps=4"),
     "constant_turn": (1, "steps=4, slowest=0.3"),

@@ -8,6 +8,7 @@ from motion_gym.benchmarks.reports import online_scores, online_tables
 from motion_gym.benchmarks.reports import table as table_module
 from motion_gym.contract import PredictorError, SpecError
 from motion_gym.online.scores import BLOCK, EVERY, TRAIL
+from motion_gym.predictors.linear import Linear
 
 pytest.importorskip("torch")
 from motion_gym.online.target_oracle import TargetOracle
@@ -138,4 +139,13 @@ def test_the_oracle_takes_the_predictor_of_the_domain_and_reads_its_style():
 
 def test_who_is_not_trained_is_no_oracle():
     with pytest.raises(PredictorError, match="not trained"):
-        TargetOracle("linear")
+        TargetOracle("invariant:penalty=0.125")
+
+
+def test_an_oracle_without_weights_is_fitted_to_the_scored_people():
+    oracle, domain = TargetOracle("linear"), motion_gym.domain("orca:d=0.6,scenes=80")
+    oracle.know(domain)
+    truth = domain.windows("test")
+    expected = Linear().fit([truth]).predict(truth.observation).positions
+    np.testing.assert_array_equal(oracle.predict(truth.observation).positions, expected)
+    assert oracle.selection == "fitted to the scored windows of each domain" and not oracle.trained_on

@@ -13,9 +13,9 @@ from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports import curves, figures, seed_tables, study_tables
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import pick_scenes
-from motion_gym.predictors.adapters import transfer
 from motion_gym.predictors.training import pretraining
-from motion_gym.predictors.training.transfer_training import PARTS
+from motion_gym.predictors.training.heatmap_training import HeatmapTransfer
+from motion_gym.predictors.training.transfer_training import TransferProgram
 from motion_gym.stepping.harness import ask
 from motion_gym.training import plans as training_plans
 from motion_gym.training.plans import Training
@@ -154,5 +154,6 @@ def test_pretraining_is_watched(tmp_path, monkeypatch):
     assert first == second
 
 
-def test_everything_that_can_be_tuned_has_a_schedule():
-    assert set(transfer.SCHEDULES) == set(PARTS)
+@pytest.mark.parametrize("program", [TransferProgram, HeatmapTransfer])
+def test_everything_that_can_be_tuned_has_a_schedule(program):
+    assert set(program.schedules) == set(program.tunable)

@@ -6,11 +6,13 @@ from motion_gym import catalog
 from motion_gym.checks import checker as checks
 from motion_gym.contract import DataError, PredictorError, SpecError
 from tests import traffic
+from tests.added_weights import needs_weights
 from tests.walks import walks_file
 
 
 @pytest.mark.parametrize("spec", [*catalog.PREDICTORS, "linear:sigma=true", "constant_velocity:velocity=mean"])
 def test_shipped_predictors_are_accepted(spec):
+    needs_weights(spec)
     checks.check_predictor(spec)
 
 

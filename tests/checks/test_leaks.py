@@ -13,6 +13,7 @@ from motion_gym.envs.orca import Orca
 from motion_gym.predictors.linear import Linear
 from motion_gym.stepping.stream_clock import StreamClock
 from tests import traffic
+from tests.added_weights import needs_weights
 from tests.crowd_with_sigma import CrowdWithSigma
 from tests.probed import PLAIN, Recalls, Street, assert_nothing_leaks, clocks, only_leak
 from tests.walks import walks_file
@@ -52,6 +53,7 @@ def test_no_domain_leaks(domain, clock, data):
 @clocks
 @pytest.mark.parametrize("predictor", [name for name in catalog.PREDICTORS if name not in ORACLES])
 def test_no_predictor_leaks(predictor, clock):
+    needs_weights(predictor)
     report = leak_probe(predictor, CrowdWithSigma(scenes=16 if clock == "windows" else 8), clock=clock)
     assert_nothing_leaks(report)
     assert not report.oracles

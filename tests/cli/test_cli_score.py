@@ -220,3 +220,25 @@ def test_a_damaged_run_is_named_and_scored_anew(capsys, folder):
     captured = capsys.readouterr()
     assert captured.out == out and path.name in captured.err and "warning" in captured.err
     assert call(capsys, line) == out
+
+
+def test_a_predictor_that_changes_the_folder_does_not_move_the_results(folder):
+    code = (
+        "import os\nfrom motion_gym.predictors.stand_still import StandStill\n"
+        "class Mover(StandStill):\n    def predict(self, *given, **more):\n        os.makedirs('deep', exist_ok=True)\n"
+        "        os.chdir('deep')\n        return super().predict(*given, **more)\n"
+    )
+    (folder / "mover.py").write_text(code)
+    arguments = ["score", "mover:Mover", "--domain", "orca:d=0.6,scenes=6", "--out", "results"]
+    run = subprocess.run([sys.executable, "-m", "motion_gym", *arguments], capture_output=True, text=True, cwd=folder)
+    assert run.returncode == 0, run.stderr
+    assert list((folder / "results").glob("Mover*.json")) or list((folder / "results").glob("mover*.json"))
+
+
+@pytest.mark.parametrize("columns", ["0", "5", "20"])
+def test_tables_are_readable_where_the_width_is_not_known(columns, folder):
+    run = subprocess.run(
+        [sys.executable, "-m", "motion_gym", "score", "linear", "--domain", "orca:d=0.6,scenes=20"],
+        capture_output=True, text=True, env={**os.environ, "COLUMNS": columns},
+    )  # fmt: skip
+    assert run.returncode == 0 and "constant_velocity" in run.stdout

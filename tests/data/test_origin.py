@@ -12,6 +12,7 @@ import motion_gym
 from motion_gym import catalog
 from motion_gym.contract import Recording
 from motion_gym.data.domains import RecordedDomain
+from tests.added_weights import needs_weights
 
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 SHIFTS = (1e4, 4e5, 4e6, 1e7)
@@ -71,6 +72,7 @@ def online(predictor: str, shift: float, adapter: str | None = None) -> float:
 
 @pytest.mark.parametrize("predictor", PREDICTORS)
 def test_every_metric_is_the_same_anywhere_on_the_windows_clock(predictor):
+    needs_weights(predictor)
     if predictor in WEIGHTS:
         pytest.importorskip("torch", reason="trained predictors need PyTorch")
     near = scores(predictor, 0.0)
@@ -81,6 +83,7 @@ def test_every_metric_is_the_same_anywhere_on_the_windows_clock(predictor):
 
 @pytest.mark.parametrize("predictor", [name for name in PREDICTORS if name not in WEIGHTS])
 def test_errors_are_the_same_anywhere_on_the_stream_clock(predictor):
+    needs_weights(predictor)
     near = online(predictor, 0.0)
     for shift in SHIFTS:
         assert online(predictor, shift) == pytest.approx(near, abs=METRES)

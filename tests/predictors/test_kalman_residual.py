@@ -103,6 +103,8 @@ def test_the_weights_have_not_seen_the_place(eth_ucy):
         assert predictor.chosen == f"original/{place.removesuffix('6')}"
     predictor.choose_weights([mg.domain("orca")])
     assert predictor.chosen == "original/all"
+    predictor.choose_weights([mg.domain("highway:style=aggressive")])  # each split is simulated anew
+    assert predictor.chosen == "vehicles"
     several = KalmanResidual()
     several.choose_weights([mg.domain("hotel"), mg.domain("zara1")])
     assert several.chosen == "original/all"  # every set has seen one of them, and the card declares it

@@ -10,6 +10,7 @@ from motion_gym.metrics.errors import error_by_horizon, metric_rows
 from motion_gym.scoring.evaluation import PAPER_BATCH, Scorecard, compare, evaluate
 from motion_gym.stepping.harness import ask
 from tests import traffic
+from tests.added_weights import needs_weights
 from tests.predictors_to_score import CROWD, PAIRS, ROUNDING, Counts, Noisy, Weighted, make
 
 
@@ -18,6 +19,7 @@ from tests.predictors_to_score import CROWD, PAIRS, ROUNDING, Counts, Noisy, Wei
 )
 def test_stepping_the_environment_gives_the_same_scores(name, k):
     predictor = {"noisy": Noisy, "weighted": Weighted}.get(name, name)
+    needs_weights(name)
     pairs = name in ("refine", "transfer") or name.startswith(("style_", "modular"))
     if name == "idm_oracle":
         traffic.needs_highway_env()

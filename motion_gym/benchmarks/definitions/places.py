@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, SAMPLES, SEEDS, Benchmark, Drawing, Part, Study, weighted
+from motion_gym.benchmarks.objects import FILTERS, SAMPLES, SEEDS, Benchmark, Drawing, Part, Study
 from motion_gym.benchmarks.published import ALPHAS, ORIGINAL_WEIGHTS, PAPER, as_released
+from motion_gym.benchmarks.row_specs import weighted
 from motion_gym.training.plans import PLACES
 
 PLAIN = (*FILTERS, "linear", "linear:sigma=true", "linear:sigma=relative")
@@ -166,6 +167,20 @@ UNSEEN = Benchmark(
             "motion_gym.benchmarks.reports.study_tables:ablations",
             arguments={"row": FORECASTER, "places": PLANS, "variants": VARIANTS, "seeds": SEEDS},
             uses=(FORECASTER,),
+            reads=tuple(PLANS),
+        ),
+        Study(
+            "coverage",
+            "motion_gym.benchmarks.forecaster_study:coverage",
+            "motion_gym.benchmarks.reports.study_tables:coverage",
+            arguments={
+                "rows": ("kalman_velocity",),
+                "trained": (FORECASTER,),
+                "places": PLANS,
+                "samples": 200,
+                "shares": (0.5, 0.9),
+            },
+            uses=("kalman_velocity", *(weighted((FORECASTER,), plan)[0] for plan in dict.fromkeys(PLANS.values()))),
             reads=tuple(PLANS),
         ),
     ),

@@ -26,6 +26,8 @@ STGAT_ROWS = (
     "ekf:parts=last_layer,every=4",
 )
 TRAFFIC_ROWS = ("finetune:parts=last_layer,every=4", "kalman", "hedge")
+FITTED_ROWS = ("kalman", "hedge")
+"""Adapters of a predictor that is fitted in closed form."""
 STYLE_ROWS = (
     "style",
     "refine",
@@ -59,6 +61,9 @@ def _kinds(domains: Sequence[str], frames: Sequence[int], again: Sequence[str] =
         "recurring": {**back, "frames": recurring},
     }
 
+
+_CLASSES = ("sdd:scene=deathCircle,class=pedestrian", "sdd:scene=deathCircle,class=biker")
+_SCENES = ("sdd:scene=hyang", "sdd:scene=deathCircle")
 
 ONLINE = Benchmark(
     "online",
@@ -101,26 +106,48 @@ ONLINE = Benchmark(
             "Traffic: calm drivers, then aggressive ones",
             "kalman_residual",
             "vehicles",
-            _kinds(("highway:style=calm", "highway:style=aggressive"), (400, 400, 200)),
+            _kinds(("highway:style=calm", "highway:style=aggressive"), (200, 200, 100)),
             "kalman_residual:weights=online/traffic_styles",
             TRAFFIC_ROWS,
             TRIED,
-            {"domains": ["highway:style=normal", "highway:style=brisk"], "frames": 300, "split": "val"},
+            {"domains": ["highway:style=normal", "highway:style=brisk"], "frames": 160, "split": "val"},
             "vehicles",
         ),
         "traffic_scenario": Shifts(
             "Traffic: a straight road, then a roundabout",
             "kalman_residual",
             "vehicles",
-            _kinds((STRAIGHT, ROUNDABOUT), (400, 400, 200)),
+            _kinds((STRAIGHT, ROUNDABOUT), (200, 200, 100)),
             {
                 STRAIGHT: "kalman_residual:weights=vehicles",
                 ROUNDABOUT: "kalman_residual:weights=online/roundabout",
             },
             TRAFFIC_ROWS,
             TRIED,
-            {"domains": [STRAIGHT, "highway:style=normal,scenario=merge"], "frames": 300, "split": "val"},
+            {"domains": [STRAIGHT, "highway:style=normal,scenario=merge"], "frames": 160, "split": "val"},
             "vehicles",
+        ),
+        "drone_class": Shifts(
+            "Drone video, another class at deathCircle: pedestrians, then bikers",
+            "linear",
+            "",
+            _kinds(_CLASSES, (2400, 2400, 1200)),
+            "linear",
+            FITTED_ROWS,
+            TRIED,
+            {"domains": ["sdd:scene=gates,class=pedestrian", "sdd:scene=gates,class=biker"], "frames": 2400},
+            fitted_to=("sdd:scene=bookstore coupa little nexus,class=pedestrian,split=0.8 0.2 0",),
+        ),
+        "drone_scene": Shifts(
+            "Drone video, another scene: hyang, then deathCircle",
+            "linear",
+            "",
+            _kinds(_SCENES, (2400, 2400, 1200)),
+            "linear",
+            FITTED_ROWS,
+            TRIED,
+            {"domains": ["sdd:scene=gates", "sdd:scene=little"], "frames": 2400},
+            fitted_to=("sdd:scene=bookstore coupa nexus,split=0.8 0.2 0",),
         ),
     },
 )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, NOWHERE, Benchmark, Claim, Drawing, Part, Study, weighted
+from motion_gym.benchmarks.objects import FILTERS, NOWHERE, Benchmark, Claim, Drawing, Part, Study
+from motion_gym.benchmarks.row_specs import weighted
 
 STYLES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 """Separation distances d that predictors are tested on."""

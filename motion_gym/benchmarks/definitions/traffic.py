@@ -12,6 +12,8 @@ SCENARIOS = ("merge", "roundabout", "intersection")
 """Scenarios that are not trained on."""
 MOTION = (*FILTERS, "constant_acceleration", "constant_turn")
 """Training-free rows."""
+TRAINED = ("kalman_residual", "ego_erm", "ego_modular")
+"""Rows with weights."""
 NOISY = "highway:style=normal"
 """The domain with sigma."""
 
@@ -32,6 +34,8 @@ VEHICLES = Benchmark(
             "Traffic: trained with calm, normal and assertive drivers on a straight road",
             _COLUMNS,
             (*MOTION, "linear", "idm_oracle"),
+            TRAINED,
+            "vehicles",
             pooled={"IID": TRAINED_STYLES},
         ),
     ),

@@ -74,8 +74,8 @@ class Shift:
 
 _STRAIGHT = ("constant_velocity", "kalman_velocity")
 _CROWD = (*_STRAIGHT, "style_erm", "modular_invariant", "ego_modular", "orca_oracle")
-_TEN = (*_STRAIGHT, "ego_erm", "ego_modular")
-_TRAFFIC = (*_STRAIGHT, "constant_turn", "linear", "idm_oracle")
+_TEN = (*_STRAIGHT, "erm_no_sigma:weights=style/crowd", "modular_stgat:weights=style/crowd")
+_TRAFFIC = ("constant_velocity", "constant_turn", "linear", "kalman_residual", "idm_oracle")
 _ADAPTED = ("constant_velocity", "modular_invariant", "kalman:of=modular_invariant", "hedge:of=modular_invariant")
 SIMULATED: tuple[Windows | Shift, ...] = (
     *(Windows(f"Two agents that keep {d} m apart", f"orca:d={d}", _CROWD, 5) for d in (0.1, 0.3, 0.5, 0.6, 0.8)),

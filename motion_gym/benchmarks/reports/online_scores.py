@@ -11,13 +11,20 @@ from motion_gym.benchmarks.reports.conditions import Result
 from motion_gym.benchmarks.reports.table import number
 from motion_gym.online.scores import BLOCK, PHASE, TRAIL, after_first, gain, recovery, returns_of
 
+LEAST = 0.01
+"""Share by which the error of an oracle must be lower for a gain to be given."""
+
 
 def gain_of(results: Sequence[Result], none: Sequence[Result], oracle: Sequence[Result] | None) -> float | None:
-    """Adaptation gain over the segments after the first one, of means over seeds; None without a better oracle."""
+    """Adaptation gain over the segments after the first one, of means over seeds; None without a better oracle.
+
+    An oracle whose error is less than 1 % lower than that of ``none`` counts as no better.
+    """
     if oracle is None:
         return None
-    share = gain(*(float(np.mean([after_first(r) for r in rows])) for rows in (none, results, oracle)))
-    return None if np.isnan(share) else share
+    unadapted, adapted, best = (float(np.mean([after_first(r) for r in rows])) for rows in (none, results, oracle))
+    share = gain(unadapted, adapted, best)
+    return share if best < (1 - LEAST) * unadapted else None
 
 
 def first_shift(result: Result) -> dict[str, Any] | None:

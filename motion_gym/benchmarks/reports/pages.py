@@ -11,6 +11,7 @@ from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import NONE
 from motion_gym.benchmarks.own_rows import comparison_tables
 from motion_gym.benchmarks.reports import claims, curves, drive_tables, online_tables, seed_tables
+from motion_gym.benchmarks.reports.conditions import unit_of
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.store import Run
@@ -28,8 +29,10 @@ def short(results: Results) -> list[Table]:
     for drives, runs in driven(results)[:1]:
         tables += [drive_tables.score_table(drives, runs), drive_tables.correlation_table(drives, runs)]
     sudden = {name: rows for name in results.errors if (rows := results.stream_rows(name, "sudden"))}
-    if sudden:
-        tables.append(online_tables.summary_table({name: shifts[name].title for name in sudden}, sudden))
+    units = {name: unit_of([run for runs in rows.values() for run in runs]) for name, rows in sudden.items()}
+    for unit in dict.fromkeys(units.values()):
+        own = {name: rows for name, rows in sudden.items() if units[name] == unit}
+        tables.append(online_tables.summary_table({name: shifts[name].title for name in own}, own))
     titles = {part.title for part, _ in parts} | {shift.title for shift in shifts.values()}
     comparisons = [table for title, table in comparison_tables(results).items() if title in titles]
     return [*(tables or _study_tables(results)), *comparisons]

@@ -97,10 +97,10 @@ def further_notes(part: Part, results: Sequence[Result]) -> list[str]:
 
 
 def schedules(parts: Parts) -> Table:
-    """Errors of each schedule on the held-out style, for each choice of what ``transfer`` tunes; the best is bold.
+    """Errors of each schedule on a held-out domain, for each choice of what ``transfer`` tunes; the best is bold.
 
     Args:
-        parts: The parts of the benchmark; the last one holds ``transfer`` with every schedule.
+        parts: The parts of the benchmark; the last one holds ``transfer`` with every schedule, and the untuned row.
     """
     part, results = parts[-1]
     values, columns = over_seeds(part, results), list(part.domains)
@@ -116,11 +116,13 @@ def schedules(parts: Parts) -> Table:
         best = min(errors, key=lambda schedule: errors[schedule])
         cells = [Strong(number(errors[s])) if s == best else number(errors.get(s)) for s in tried]
         rows.append([tuned, *cells])
-    untuned = _mean(values["modular_invariant", column] for column in columns)
+    (untuned_row,) = {row for row, _ in values if row not in part.plain and catalog.parse_spec(row)[0] != "transfer"}
+    untuned = _mean(values[untuned_row, column] for column in columns)
+    size = round(part.shots[columns[0]] / float(columns[0]))
     caption = (
-        f"ADE, {unit_of(results)}, on a held-out style ({part.title}), mean over seeds and over {', '.join(columns)} "
-        f"batches of 64 scenes. Without tuning it is {number(untuned)}. `transfer` takes the best schedule of each row "
-        "by default."
+        f"ADE, {unit_of(results)}, on a held-out domain ({part.title}), mean over seeds and over {', '.join(columns)} "
+        f"batches of {size} scenes. Without tuning it is {number(untuned)}. `transfer` takes the best schedule of each "
+        "row by default."
     )
     heads = ["tuned", *(f"{epochs} epochs, {rate:g}" for epochs, rate in tried)]
     return Table("Which schedule", heads, rows, [measured(results)], caption)

@@ -24,6 +24,10 @@ NETWORKS = ("style_erm", "style_invariant", "modular", "modular_invariant")
 OUT = ("0.4", "0.6", "0.7", "0.8")
 """Styles d that are far from those of training."""
 F, ALL, PSI_F_G, LAST = (f"transfer:parts={parts}" for parts in ("modulator", "all", "style", "last_layer"))
+HEAT_ALL, HEAT_MODULATOR, HEAT_LOW_RANK = (
+    f"transfer:of=heatmap,parts={parts}" for parts in ("all", "modulator", "low_rank")
+)
+TRAINING_FREE = ("constant_velocity", "constant_velocity:velocity=4", "kalman_velocity")
 LATER_BATCHES = ("2", "3", "4", "5", "6")
 FILTERS = ("kalman", "ekf:parts=modulator")
 TUNED = tuple(f"finetune:parts={parts}" for parts in ("all", "style", "modulator", "last_layer"))
@@ -245,6 +249,17 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "Refinement lowers the mean error after tuning, each time": _mean(["refine:of=transfer"], [F]),
         "Refinement lowers the mean error after tuning by the published protocol, each time": _mean(
             ["refine:of=transfer"], [F], panel="1"
+        ),
+    },
+    "sdd": {
+        "Without transfer heatmap has a lower error in the fastest domain than the training-free rows": _lower(
+            ["heatmap"], TRAINING_FREE, ["0"], panel="2"
+        ),
+        "Low-rank adapters have a lower mean error than tuning everything at 1 to 5 batches": _mean(
+            [HEAT_LOW_RANK], [HEAT_ALL], ("1", *LATER_BATCHES[:4]), panel="2"
+        ),
+        "At 5 batches the modulator is not better than tuning everything": _lower(
+            [HEAT_MODULATOR], [HEAT_ALL], ["5"], panel="2", where=NOWHERE
         ),
     },
     "refinement": {

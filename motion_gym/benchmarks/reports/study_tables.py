@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.benchmarks.reports.significance import paired_p
-from motion_gym.benchmarks.reports.table import Code, Strong, Table, number, p_text, spread
+from motion_gym.benchmarks.reports.table import Code, Strong, Table, interval, number, p_text, spread
 from motion_gym.contract import FUTURE
 
 EPOCHS = (1, 3, 10, 30, 100)
@@ -104,3 +104,23 @@ def _by_place(title: str, study: Study, caption: str) -> Table:
 
 def _steps(study: Study) -> str:
     return f"unit {study['unit']}, dt {study['dt']:g} s, horizon {FUTURE * study['dt']:g} s"
+
+
+def coverage(study: Mapping[str, Any]) -> Table:
+    """How often the ground truth lies in the regions that samples span; see ``forecaster_study.coverage``."""
+    rows = [
+        [Code(row), f"{100 * float(share):.0f} %", str(step)]
+        + [
+            interval(dict(zip(("mean", "low", "high"), by_place[place][share][str(step)], strict=True)))
+            for place in by_place
+        ]
+        for row, by_place in study["coverage"].items()
+        for share in map(str, study["shares"])
+        for step in study["steps"]
+    ]
+    places = list(next(iter(study["coverage"].values())))
+    caption = (
+        "Share of the ground truth in the region that holds 50 % and 90 % of the samples, with 95 % intervals over "
+        f"whole agents; {study['samples']} samples of each forecast, weights of seed 0 that have not seen the place"
+    )
+    return Table("Coverage of samples", ["method", "region", "step", *places], rows, (), caption)

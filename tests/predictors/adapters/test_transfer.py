@@ -10,6 +10,7 @@ import motion_gym as mg
 from motion_gym.contract import PredictorError, SpecError, Truth
 from motion_gym.data.domains import training_set
 from motion_gym.data.windows import pick_scenes
+from motion_gym.metrics.errors import score
 from motion_gym.predictors.adapters import transfer
 from motion_gym.predictors.adapters.refine import Refine
 from motion_gym.predictors.adapters.transfer import Transfer
@@ -89,6 +90,15 @@ def test_the_paper_protocol_selects_on_the_target(source, target):
         mg.evaluate(predictor, target, shots=64, protocol="paper", split="val")
 
 
+def test_validation_scenes_select_the_epoch(source, target):
+    validation, errors = target.windows("val"), []
+    for shown in (validation, None):
+        predictor = Transfer(source, parts="all", epochs=20, rate=3e-2)
+        predictor.tune(few(target, 1), shown)
+        errors.append(score(predictor.predict(validation.observation), validation)["ADE"].mean())
+    assert errors[0] < errors[1]
+
+
 def test_evaluation_leaves_a_predictor_untuned(source, target):
     predictor = Transfer(source, parts="all", epochs=3, rate=1e-2)
     before = mg.evaluate(predictor, target, references=0).metrics["ADE"].mean
@@ -147,7 +157,7 @@ def test_unsuitable_scenes_settings_and_predictors_are_refused(source, target):
 def test_all_seeds_of_a_row_are_tuned_together(target, monkeypatch):
     tuned = []
     train = transfer.training.train
-    monkeypatch.setattr(transfer.training, "train", lambda *arguments: tuned.append(arguments) or train(*arguments))
+    monkeypatch.setattr(transfer.training, "train", lambda *a, **options: tuned.append(a) or train(*a, **options))
     for seed in (3, 4):
         mg.evaluate(f"transfer:parts=last_layer,epochs=1,style_weight=0,seed={seed}", target, shots=64, references=0)
     assert len(tuned) == 1

@@ -1,0 +1,99 @@
+"""Weights that do not come with the package because of the terms of their training data; only their cards do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from motion_gym import catalog
+from motion_gym.contract import PredictorError
+from motion_gym.data.storage import data_folder, digest, write_atomic
+from motion_gym.training.plans import WEIGHTS
+
+
+def added_folder() -> Path:
+    """Where ``add`` writes weights: a folder beside the data sets."""
+    return data_folder() / "weights"
+
+
+def left_out() -> dict[str, Path]:
+    """Cards in the package whose weights are not: path of the card by the name of the weights' file, ``sdd/ROW...``."""
+    cards = sorted(WEIGHTS.rglob("*.json"))
+    without = [card for card in cards if not card.with_suffix(".safetensors").exists()]
+    return {card.with_suffix(".safetensors").relative_to(WEIGHTS).as_posix(): card for card in without}
+
+
+def add(source: Path) -> list[Path]:
+    """Copy weights into the folder of added weights, from anywhere below a source folder.
+
+    Files are found by the end of their path, such as ``sdd/heatmap.safetensors``, and must have the checksum of their
+    card in the package. If a file differs, nothing is copied.
+
+    Returns:
+        The written files.
+
+    Raises:
+        PredictorError: the source is not a folder, has none of the files, or a file differs or cannot be read.
+        StorageError: a file could not be written.
+    """
+    source = source.expanduser().absolute()
+    if not source.is_dir():
+        raise PredictorError(f"{source} is not a folder. Give the folder that holds the weights.")
+    cards, files, wrong = left_out(), {}, []
+    for path in sorted(source.rglob("*.safetensors")):
+        name = next((name for name in cards if path.as_posix().endswith(f"/{name}")), None)
+        if name is None or name in files:
+            continue
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise PredictorError(f"{path} cannot be read: {error.strerror or error}. Make it readable.") from None
+        expected = json.loads(cards[name].read_bytes())["sha256"]
+        if digest(content) == expected:
+            files[name] = content
+        else:
+            wrong.append(f"{path} has sha256 {digest(content)}, expected {expected}")
+    if wrong:
+        raise PredictorError(
+            f"Nothing was copied, because {len(wrong)} of the files in {source} are damaged or of another version:\n  "
+            + "\n  ".join(wrong)
+            + "\nGet the weights of this version of motion-gym."
+        )
+    if not files:
+        raise PredictorError(f"None of the weights is in {source} or below. Looked for: {', '.join(cards)}.")
+    written = []
+    for name, content in files.items():
+        path = added_folder() / name
+        write_atomic(path.with_suffix(".json"), cards[name].read_bytes())
+        write_atomic(path, content)
+        written.append(path)
+    return written
+
+
+def path_of_added(name: str, row: str, weights: str) -> Path:
+    """File of added weights, by the name of the file, such as ``sdd/heatmap.safetensors``.
+
+    Args:
+        name: Name of the file.
+        row: Predictor, for messages.
+        weights: Name of the weights, for messages.
+
+    Raises:
+        PredictorError: the file was not added, or belongs to another version of the package.
+    """
+    path = added_folder() / name
+    command = "get them, then run `motion-gym weights add --from DIR`"
+    if not path.is_file():
+        raise PredictorError(
+            f"The weights `{weights}` of {row} do not come with the package because of the terms of their training "
+            f"data: {command}. ({path} is missing.)"
+        )
+    if path.with_suffix(".json").read_bytes() != left_out()[name].read_bytes():
+        raise PredictorError(f"{path} are weights of another version of motion-gym: {command} again.")
+    return path
+
+
+def terms_of(path: Path) -> list[str]:
+    """Terms of the data sets that weights were trained on, from their card."""
+    card = json.loads(path.with_suffix(".json").read_bytes())
+    return list(dict.fromkeys(catalog.domain(spec).card.terms for spec in card["trained_on"]))
