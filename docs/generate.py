@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from mkdocs.structure.files import File
 
 import motion_gym
 from motion_gym import catalog, contract
@@ -78,6 +77,8 @@ def on_config(config: Any) -> Any:
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages at the root of the repository, the reference, its pictures, and each linked file outside docs."""
 
+    from mkdocs.structure.files import File  # the tests read the pages without mkdocs
+
     def add(path: str, **content: Any) -> None:
         files.append(File.generated(config, path, **content))
 
@@ -89,7 +90,7 @@ def on_files(files: Any, config: Any) -> Any:
         drawn = Path(tempfile.mkdtemp()) / f"{name}.svg"
         motion_gym.show(spec, predictor, out=drawn)
         add(f"reference/domains/{name}.svg", content=drawn.read_bytes())
-    for path in sorted(_outside()):
+    for path in sorted(_outside() - set(map(Path, AT_THE_ROOT.values()))):
         if path.suffix in AS_THEY_ARE:
             add(str(path), abs_src_path=str(ROOT / path))
         else:
@@ -107,6 +108,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         if target is None:
             return match[0]
         there = target if target.endswith(AS_THEY_ARE) else f"{target}.md"
+        there = {name: path for path, name in AT_THE_ROOT.items()}.get(target, there)
         return match[1] + posixpath.relpath(there, folder or ".") + match[3]
 
     return LINK.sub(turned, markdown)
