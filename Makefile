@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-clients test-page test-portable check results bench clean
+.PHONY: demo test test-clients test-page test-portable check site results bench clean
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt
 
@@ -53,6 +53,14 @@ $(VENV)/.page: $(VENV)/.ready
 test-page: $(VENV)/.page
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/page $(ARGS)
 
+# The documentation, in site/; a broken link fails.
+$(VENV)/.site: $(VENV)/.installed
+	$(INSTALL) -e "$(ROOT)[site]"
+	@touch $@
+
+site: $(VENV)/.site
+	cd $(ROOT) && NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 # The numerical tests under other code paths of the same libraries, as other processors take them.
 NUMERICAL := tests/metrics tests/data tests/envs tests/stepping tests/scoring tests/online tests/predictors tests/training
 test-portable: $(VENV)/.ready
@@ -78,6 +86,7 @@ results: $(VENV)/.ready
 	  done
 	cd $(ROOT) && for name in style places; do $(BIN)/motion-gym run $$name --into README.md || exit 1; done
 	cd $(ROOT) && $(BIN)/motion-gym claims --out docs/claims.md
+	cd $(ROOT) && $(BIN)/python docs/pitfalls.py
 	cd $(ROOT) && $(BIN)/motion-gym show orca:agents=10,d=0.5,scenes=50 --scene 3 --predictor constant_velocity \
 	  --predictor modular_stgat --out docs/scene.svg
 
@@ -86,4 +95,4 @@ bench: $(CLIENTS)-ray/.ready
 	cd $(ROOT) && BIN=$(CLIENTS)-ray/bin sh bench/run
 
 clean:
-	rm -rf $(VENV) $(CLIENTS)-* $(ROOT)build $(ROOT)dist $(ROOT)*.egg-info
+	rm -rf $(VENV) $(CLIENTS)-* $(ROOT)build $(ROOT)dist $(ROOT)site $(ROOT)*.egg-info
