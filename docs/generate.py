@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-
 import motion_gym
 from motion_gym import catalog, contract
 from motion_gym.benchmarks.objects import Benchmark
@@ -76,7 +75,6 @@ def on_config(config: Any) -> Any:
 
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages at the root of the repository, the reference, its pictures, and each linked file outside docs."""
-
     from mkdocs.structure.files import File  # the tests read the pages without mkdocs
 
     def add(path: str, **content: Any) -> None:
@@ -195,7 +193,8 @@ def _parameters(kind: type, entry: catalog.Entry) -> str:
         for name, parameter in inspect.signature(kind).parameters.items():
             default = entry.parameters.get(name, parameter.default)
             shown = "required" if default is parameter.empty else f"`{default}`"
-            needed = {"path": file.name} if "path" in inspect.signature(kind).parameters else {}
+            known = {"path": file.name, "of": "modular_invariant"}
+            needed = {key: value for key, value in known.items() if key in inspect.signature(kind).parameters}
             allowed = _allowed(kind, {**needed, **entry.parameters}, name)
             rows.append((f"`{name.rstrip('_')}`", shown, allowed, _meaning(kind, name)))
     if not rows:
