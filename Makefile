@@ -31,7 +31,7 @@ demo: $(VENV)/.installed
 test: $(VENV)/.ready
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 $(ARGS)
 
-# Learning libraries, in environments of their own that also see the packages of .venv: RLlib needs an older Gymnasium.
+# Learning libraries and Ray, in environments that also see the packages of .venv: RLlib needs an older Gymnasium.
 CLIENTS := $(VENV)-clients
 $(CLIENTS)-%/.ready: $(ROOT)constraints-clients-%.txt $(VENV)/.ready
 	$(BIN)/python -m venv $(@D)
@@ -40,8 +40,8 @@ $(CLIENTS)-%/.ready: $(ROOT)constraints-clients-%.txt $(VENV)/.ready
 	$(@D)/bin/python -m pip install --quiet --disable-pip-version-check -r $<
 	@touch $@
 
-test-clients: $(CLIENTS)-rl/.ready $(CLIENTS)-rllib/.ready
-	cd $(ROOT) && for name in rl rllib; do \
+test-clients: $(CLIENTS)-rl/.ready $(CLIENTS)-rllib/.ready $(CLIENTS)-ray/.ready
+	cd $(ROOT) && for name in rl rllib ray; do \
 	    OMP_NUM_THREADS=1 $(CLIENTS)-$$name/bin/python -m pytest tests/clients/$$name $(ARGS) || exit 1; \
 	  done
 
@@ -90,9 +90,9 @@ results: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/motion-gym show orca:agents=10,d=0.5,scenes=50 --scene 3 --predictor constant_velocity \
 	  --predictor modular_stgat --out docs/scene.svg
 
-# Measures, and writes bench/RESULTS.md; about two minutes on a quiet machine.
-bench: $(VENV)/.ready
-	cd $(ROOT) && BIN=$(BIN) sh bench/run
+# Measures, and writes bench/RESULTS.md; about four minutes on a quiet machine.
+bench: $(CLIENTS)-ray/.ready
+	cd $(ROOT) && BIN=$(CLIENTS)-ray/bin sh bench/run
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)-* $(ROOT)build $(ROOT)dist $(ROOT)site $(ROOT)*.egg-info

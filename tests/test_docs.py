@@ -40,7 +40,7 @@ def run(text):
     return done.stdout
 
 
-@pytest.mark.parametrize("name", running.BENCHMARKS)
+@pytest.mark.parametrize("name", running.STORED)
 def test_tables_of_a_benchmark_are_made_from_the_stored_runs(name):
     results = stored(name)
     tables = (SHIPPED / name / "tables.md").read_text()

@@ -6,20 +6,19 @@ import concurrent.futures
 import functools
 import itertools
 import json
-import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
+from motion_gym.benchmarks import executors
 from motion_gym.benchmarks import store as stores
+from motion_gym.benchmarks.executors import Opener
 from motion_gym.benchmarks.identity import answered_by, label_of, question, row_name
 from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study
 from motion_gym.benchmarks.row_specs import domain
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import MotionGymError, SpecError
-from motion_gym.data.storage import StorageError
 
 NOT_REQUESTED = "not requested"
 """Reason for a missing row that ``only`` does not name."""
@@ -66,7 +65,7 @@ class Runner:
         store: The store.
         fresh: Whether runs in the store are computed again.
         only: Rows that are computed; None for all, and an empty sequence for none.
-        processes: Number of processes that compute.
+        executor: Opens the executor that computes a number of jobs.
         report: Called before each run with the number of finished runs, the number of all runs, and a label.
         missing: Reason for each row with a missing run, by where the row is shown and the row.
         unwritten: Reasons why runs that are shown could not be computed again or written.
@@ -75,7 +74,7 @@ class Runner:
     store: Store
     fresh: bool = False
     only: Sequence[str] | None = None
-    processes: int = 1
+    executor: Opener = executors.here
     report: Report = lambda done, total, label: None
     missing: dict[tuple[str, ...], str] = field(default_factory=dict)
     unwritten: dict[str, None] = field(default_factory=dict)
@@ -97,8 +96,10 @@ class Runner:
         reasons: dict[tuple[str, ...], str] = {}
         for done, (job, result) in enumerate(self._results(order)):
             try:
-                runs, reasons[job.questions] = result()
+                runs = result()
                 self.store.take(runs)
+                for computed in runs:
+                    stores.write(self.store.folder, computed)
             except MotionGymError as error:
                 reasons[job.questions] = str(error)
             self.report(done + 1, len(order), job.label)
@@ -125,21 +126,21 @@ class Runner:
             lines.append(f"Not shown: {', '.join(_first(rows, 'rows'))}: {reason}")
         return "\n".join(_first(lines, "messages"))
 
-    def _results(self, order: Sequence[Job]) -> Iterator[tuple[Job, Callable[[], tuple[list[Run], str]]]]:
+    def _results(self, order: Sequence[Job]) -> Iterator[tuple[Job, Callable[[], list[Run]]]]:
         """Each job, in the order in which they finish, with a function that returns its runs."""
-        if self.processes == 1 or len(order) < 2:
+        executor = self.executor(len(order))
+        if executor is None:
             for done, job in enumerate(order):
                 self.report(done, len(order), job.label)
-                yield job, functools.partial(_compute, job, self.store.folder)
+                yield job, functools.partial(_compute, job)
             return
-        context = multiprocessing.get_context("spawn")
-        with concurrent.futures.ProcessPoolExecutor(min(self.processes, len(order)), mp_context=context) as pool:
-            futures = {pool.submit(_compute, job, self.store.folder): job for job in order}
+        with executor:
+            futures = {executor.submit(_compute, job): job for job in order}
             try:
                 for future in concurrent.futures.as_completed(futures):
                     yield futures[future], future.result
             except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
+                executor.shutdown(wait=False, cancel_futures=True)
                 raise
 
 
@@ -154,15 +155,9 @@ def _first(texts: list[str], name: str) -> list[str]:
     return texts if len(texts) <= NAMED else [*texts[:NAMED], f"and {len(texts) - NAMED} more {name}"]
 
 
-def _compute(job: Job, folder: Path | None) -> tuple[list[Run], str]:
-    """Runs of a job, and the reason if they could not be written."""
-    runs = [stores.run_of(identity, result) for identity, result in zip(job.identities, job.compute(), strict=True)]
-    try:
-        for run in runs:
-            stores.write(folder, run)
-    except StorageError as error:
-        return runs, str(error)
-    return runs, ""
+def _compute(job: Job) -> list[Run]:
+    """Runs of a job."""
+    return [stores.run_of(identity, result) for identity, result in zip(job.identities, job.compute(), strict=True)]
 
 
 def window_jobs(benchmark: Benchmark, session: str) -> Iterator[Job]:

@@ -324,7 +324,7 @@ class Benchmark:
         Args:
             *predictors: Specs, classes or objects.
             folder: Folder for one small file per computed run; None to write none.
-            **options: Further options of ``running.run``, such as ``adapters``, ``shifts``, ``jobs`` and ``report``.
+            **options: Further options of ``running.run``, such as ``adapters``, ``executor`` and ``report``.
 
         Returns:
             ``running.Results``; ``print`` shows the tables.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.benchmarks import executors
 from motion_gym.benchmarks.drives import Drives, drive_jobs
+from motion_gym.benchmarks.executors import Opener
 from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.jobs import CHOICE, STUDY, Errors, Runner, choice_jobs, stream_jobs, study_jobs, window_jobs
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE, Benchmark, Part, Report
@@ -39,6 +40,10 @@ BENCHMARKS: Mapping[str, str] = {
     "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
 }
 """Where each shipped benchmark is defined, by its name."""
+COMPUTED_ON_REQUEST = ("planning", "sdd_style")
+"""Benchmarks whose runs do not come with the package: ``motion-gym run`` computes them, for an hour or more."""
+STORED = tuple(name for name in BENCHMARKS if name not in COMPUTED_ON_REQUEST)
+"""Benchmarks whose runs come with the package."""
 
 
 @dataclass
@@ -111,7 +116,7 @@ def run(
     shifts: Sequence[str] = (),
     fresh: bool = False,
     only: Sequence[str] | None = None,
-    jobs: int = 1,
+    executor: Opener = executors.here,
     session: str | None = None,
     report: Report = lambda done, total, label: None,
 ) -> Results:
@@ -126,7 +131,8 @@ def run(
         shifts: Names of the shifts that are run; all by default.
         fresh: Whether stored runs are computed again.
         only: Rows that are computed; all by default, and none if it is empty.
-        jobs: Number of processes that compute.
+        executor: Where the runs are computed: ``executors.here``, ``executors.processes(4)`` or
+            ``executors.ray()``.
         session: Name of the command, see ``identity.answered_by``; a new one by default.
         report: Called before each run with the number of finished runs, the number of all runs, and a label.
 
@@ -141,9 +147,8 @@ def run(
         if shift not in chosen.shifts:
             raise SpecError(f"{chosen.name} has no shift `{shift}`.{catalog.suggest(shift, chosen.shifts)}")
     _check_rows(chosen, only or ())
-    processes = catalog.whole_number("jobs", jobs, 1, 4 * (os.cpu_count() or 1))
     session = session or secrets.token_hex(8)
-    runner = Runner(Store(chosen.name, folder), fresh, only, processes, report)
+    runner = Runner(Store(chosen.name, folder), fresh, only, executor, report)
     results = Results(chosen, runner)
     names = shifts or list(chosen.shifts)
     rows = runner.rows(

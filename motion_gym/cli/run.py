@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-from motion_gym.benchmarks import running
+from motion_gym.benchmarks import executors, running
 from motion_gym.benchmarks.reports import marked_block
 from motion_gym.cli.output import Out, Text, begin, console, end, progress_bar, reporter, say
+from motion_gym.contract import SpecError
+from motion_gym.specs import number
 
 FOLDER = Path("results")
 """Folder for computed runs, if no folder is named."""
 DEFAULT_JOBS = min(os.cpu_count() or 1, 4)
+MOST_GPUS = 64
+"""Most GPUs of a task."""
 Rows = tyro.conf.UseAppendAction
 
 
@@ -28,6 +32,9 @@ def run(
     fresh: bool = False,
     resume: bool = False,
     jobs: int = DEFAULT_JOBS,
+    executor: Literal["processes", "ray"] = "processes",
+    address: Text = None,
+    gpus: float = 0.0,
     out: Out = None,
     into: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     pack: bool = False,
@@ -47,7 +54,10 @@ def run(
         of: Predictor that the adapter is put around; by default that of each shift.
         fresh: Compute stored runs again.
         resume: Resume the same command after an interruption: your own rows that are scored already are reused.
-        jobs: Number of processes.
+        jobs: Number of processes of this machine, for the executor `processes`.
+        executor: Where the runs are computed: processes of this machine, or the nodes of a Ray cluster (`ray`).
+        address: Head node of the Ray cluster, as 10.0.0.1:6379; by default the cluster of this machine.
+        gpus: GPUs that each Ray task reserves, as 0.25, for rows of your own that use them.
         out: Folder for tables and figures, OUT/BENCHMARK/, and for one JSON file per computed run. Without it, only
             computed runs are written, to results/BENCHMARK/.
         into: File with the lines `<!-- results: BENCHMARK -->` and `<!-- results end -->`, for the table.
@@ -60,6 +70,12 @@ def run(
     folder = place / chosen.name
     if into is not None:
         marked_block.check_markers(into, chosen.name)
+    if executor == "ray":
+        opener = executors.ray(address, number("gpus", gpus, most=MOST_GPUS), folder)
+    elif address or gpus:
+        raise SpecError("`--address` and `--gpus` are options of the executor `ray`: add --executor ray.")
+    else:
+        opener = executors.processes(jobs)
     own = predictor or adapter or ":" in benchmark
     arguments = ["run", benchmark, *predictor, "adapters", *adapter, "shifts", *shift, "of", str(of)]
     session = begin(folder, arguments, resume) if own else None
@@ -73,7 +89,7 @@ def run(
             shifts=shift,
             fresh=fresh,
             only=only or None,
-            jobs=jobs,
+            executor=opener,
             session=session,
             report=reporter(progress, benchmark),
         )

@@ -10,14 +10,15 @@ import platform
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from motion_gym import catalog
+from motion_gym import catalog, cluster
 from motion_gym.cli.output import Text, progress_bar, say
 from motion_gym.contract import SpecError
 from motion_gym.data.storage import check_writable
+from motion_gym.training import on_cluster
 from motion_gym.training import plans as training_plans
 
 RELEASED = ("erm", "counterfactual", "invariant")
@@ -34,6 +35,8 @@ def train(
     resume: bool = False,
     epochs: Annotated[tuple[int, ...] | None, tyro.conf.arg(metavar="INT [INT ...]")] = None,
     every: int = 10,
+    executor: Literal["here", "ray"] = "here",
+    address: Text = None,
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("weights"),
 ) -> None:
     """Train a predictor for a benchmark or on a domain of your own, all seeds in one pass.
@@ -52,6 +55,8 @@ def train(
         resume: Resume from the last checkpoint; without this option, an existing checkpoint is an error.
         epochs: Epochs of each stage of the predictor; by default those of the benchmarks.
         every: Number of epochs between checkpoints.
+        executor: Where to train: on this machine (`here`), or on a node of a Ray cluster (`ray`), with a GPU for cuda.
+        address: Head node of the Ray cluster, as 10.0.0.1:6379; by default the cluster of this machine.
         out: Folder for weights and checkpoints.
     """
     instance: Any = catalog.predictor(predictor)
@@ -61,12 +66,16 @@ def train(
 
     if (benchmark is None) == (domain is None):
         raise SpecError("Name what to train for: either --benchmark style, or --domain my_module:MyDomain.")
+    if executor == "ray":
+        cluster.check_installed()
+    elif address:
+        raise SpecError("`--address` is an option of the executor `ray`: add --executor ray.")
     plan = training_plans.training(benchmark) if benchmark else training_plans.training_for(str(domain), instance)
     path = out / (benchmark or plan.folder) / weight_files.file_name(instance.name)
     checkpoint = path.with_suffix(".checkpoint")
     numbers, unit = _seeds(seeds), plan.unit
     check_writable(path.parent)
-    options = {**plan.options_of(instance), **({"epochs": epochs} if epochs else {})}
+    options = {**plan.options_of(instance), **({"epochs": epochs} if epochs else {}), "device": device, "every": every}
     with _locked(path.with_suffix(".lock")), progress_bar() as progress:
         for existing in (checkpoint, path):
             if existing.exists() and not resume:
@@ -78,17 +87,12 @@ def train(
             text = f"{state.stage}: loss {state.loss:.3f}{score}"
             progress.update(task, total=state.epochs, completed=state.epoch, description=text)
 
-        instance.fit(
-            *plan.data(),
-            numbers,
-            device=device,
-            checkpoint=checkpoint,
-            resume=resume,
-            every=every,
-            report=report,
-            names=plan.names(),
-            **options,
-        )
+        options |= {"checkpoint": checkpoint, "report": report}
+        if executor == "ray":
+            gpus = float(device == "cuda")
+            instance = on_cluster.fit(instance, plan, numbers, address=address, gpus=gpus, **options)
+        else:
+            instance.fit(*plan.data(), numbers, names=plan.names(), resume=resume, **options)
         instance.save(path)
     card = instance.card
     scores = ", ".join(f"{score:.3f}" for score in card["validation_ade"])

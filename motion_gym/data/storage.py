@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
 import hashlib
 import json
 import os
@@ -65,7 +66,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     """Open a file for writing that replaces ``path`` once it is complete and on disk.
 
     On an error the new file is removed and ``path`` does not change. Temporary files in the same folder that are older
-    than an hour are removed.
+    than an hour are removed, at the first write of a process to that folder.
 
     Args:
         path: Path of the file. Missing folders are made.
@@ -104,7 +105,9 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         raise
 
 
+@functools.cache
 def _remove_leftovers(folder: Path) -> None:
+    """Remove old temporary files; once in a process, since a folder of results may hold many thousands of files."""
     for old in folder.glob(".*.tmp"):
         with contextlib.suppress(OSError):  # another process may remove it first
             if LEFTOVER.fullmatch(old.name) and time.time() - old.stat().st_mtime > LEFTOVER_AGE:

@@ -1,5 +1,6 @@
 """The verb that runs a benchmark, as it is typed."""
 
+import importlib.util
 import json
 import os
 import re
@@ -183,6 +184,7 @@ def test_an_adapter_of_a_user_stands_among_those_that_ship(capsys, folder):
         ("run style --shift alpha", "style has no shift `alpha`"),
         ("run style --adapter kalman", "style has no streams for an adapter"),
         ("run online --shift style --only none --predictor linear", "online has no columns for a predictor"),
+        ("run style --address 127.0.0.1:6379", "options of the executor `ray`: add --executor ray"),
         ("run style --jobs 0", "`jobs=0` must be a whole number"),
         ("run style --into nowhere.md", "nowhere.md cannot be read"),
         ("run own_rows_here:SMALL --predictor own_rows_here:Stedy", "Did you mean `Steady`?"),
@@ -192,3 +194,11 @@ def test_mistakes_are_one_message(capsys, line, message):
     with pytest.raises(SystemExit) as stopped:
         main(shlex.split(line))
     assert stopped.value.code == 2 and message in capsys.readouterr().err
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="Ray is installed")
+@pytest.mark.parametrize("line", ["run style --executor ray", "train erm --benchmark style --executor ray"])
+def test_without_ray_the_message_says_how_to_install_it(capsys, line):
+    with pytest.raises(SystemExit) as stopped:
+        main(shlex.split(line))
+    assert stopped.value.code == 2 and 'pip install "motion-gym[ray]"' in capsys.readouterr().err

@@ -228,7 +228,8 @@ def test_what_a_killed_process_left_is_removed_by_the_next_write(tmp_path: Path)
     assert leftover.exists(), "it may still be being written"
     for path in (leftover, foreign):
         os.utime(path, (0, 0))
-    write_atomic(tmp_path / "b.json", b"")
+    later = "import sys; from motion_gym.data.storage import write_atomic; write_atomic(sys.argv[1], b'')"
+    assert python(later, tmp_path / "b.json").wait(timeout=60) == 0
     assert sorted(os.listdir(tmp_path)) == [".a.json.tmp", "b.json"]
 
 

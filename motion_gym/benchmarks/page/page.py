@@ -72,7 +72,7 @@ def html(results: Sequence[Results], scenes: Mapping[str, Any]) -> str:
     if not entries:
         raise DataError("There are no stored results to show: compute some with `motion-gym run NAME --out FOLDER`.")
     charts: list[Curves] = []
-    sections = [_section(each, charts) for each in results]
+    sections = [_section(each, charts) for each in results if each.runner.store.runs]
     data = {
         "board": _board(entries),
         "charts": [_chart(chart) for chart in charts],
