@@ -53,13 +53,13 @@ $(VENV)/.page: $(VENV)/.ready
 test-page: $(VENV)/.page
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/page $(ARGS)
 
-# The documentation, in site/; a broken link fails.
+# The documentation, in site/; a broken link fails (not with --quiet).
 $(VENV)/.site: $(VENV)/.installed
 	$(INSTALL) -e "$(ROOT)[site]"
 	@touch $@
 
 site: $(VENV)/.site
-	cd $(ROOT) && NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	cd $(ROOT) && NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # The numerical tests under other code paths of the same libraries, as other processors take them.
 NUMERICAL := tests/metrics tests/data tests/envs tests/stepping tests/scoring tests/online tests/predictors tests/training

@@ -193,7 +193,8 @@ def _parameters(kind: type, entry: catalog.Entry) -> str:
         for name, parameter in inspect.signature(kind).parameters.items():
             default = entry.parameters.get(name, parameter.default)
             shown = "required" if default is parameter.empty else f"`{default}`"
-            needed = {"path": file.name} if "path" in inspect.signature(kind).parameters else {}
+            known = {"path": file.name, "of": "modular_invariant"}
+            needed = {key: value for key, value in known.items() if key in inspect.signature(kind).parameters}
             allowed = _allowed(kind, {**needed, **entry.parameters}, name)
             rows.append((f"`{name.rstrip('_')}`", shown, allowed, _meaning(kind, name)))
     if not rows:

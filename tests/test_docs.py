@@ -104,6 +104,7 @@ def test_every_parameter_of_every_name_is_explained_in_the_reference(reference, 
         parameters = inspect.signature(catalog.load_class(entry.target)).parameters
         assert [key.rstrip("_") for key in parameters] == list(rows), name
         assert all(row.split(" | ")[-1].strip() for row in rows.values()), f"a parameter of {name} has no text"
+        assert "Error: got" not in page, name
 
 
 def test_the_reference_has_defaults_and_allowed_ranges(reference):
