@@ -36,6 +36,12 @@ NOISE_ADAPTED = ("kalman", "finetune:parts=all,every=4")
 EVERY_FOURTH = ("finetune:parts=last_layer,every=4", "ekf:parts=last_layer,every=4")
 WATCHED_EARLY = [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (1, 3, 10)]
 
+WITHOUT_NETWORK = (
+    "constant_velocity", "constant_velocity:velocity=4", "kalman_velocity", "constant_acceleration", "constant_turn",
+    "linear",
+)  # fmt: skip
+KNOWN_ROADS = ("calm", "normal", "assertive", "brisk", "aggressive", "left side", "merge")
+
 Test = dict[str, Any]
 """Arguments of ``Claim``, without the sentence."""
 
@@ -251,6 +257,19 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
             ["refine:of=transfer"], [F], panel="1"
         ),
     },
+    "vehicles": {
+        "In traffic kalman_residual has a lower error than every row without a network for each driving style, on the "
+        "other side of the road and at a merge": _lower(["kalman_residual"], WITHOUT_NETWORK, KNOWN_ROADS),
+        "With styles of training, kalman_residual takes half or more off the error of constant velocity": _mean(
+            ["kalman_residual"], ["constant_velocity"], ["calm", "normal", "assertive", "brisk"], ratio=(0, 0.5)
+        ),
+        "On roads with bends and crossings, which were not trained on, it does not": _mean(
+            ["kalman_residual"], ["constant_velocity"], ["roundabout", "intersection"], where=NOWHERE
+        ),
+        "The networks in the frame of each agent have no lower mean error than linear in traffic": _mean(
+            ["ego_erm", "ego_modular"], ["linear"], where=NOWHERE
+        ),
+    },
     "sdd": {
         "Without transfer heatmap has a lower error in the fastest domain than the training-free rows": _lower(
             ["heatmap"], TRAINING_FREE, ["0"], panel="2"
@@ -346,6 +365,21 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         ),
         "At other places kalman is worse than the source model right after the shift": _lower(
             ["none"], ["kalman"], ["last 50 at 50"], panel="places"
+        ),
+        "From a straight road to a roundabout, kalman and hedge take 20 % or more off the error of the source model": (
+            _lower(["kalman", "hedge"], ["none"], ["sudden"], panel="traffic_scenario", ratio=(0, 0.8))
+        ),
+        "From a straight road to a roundabout, kalman and hedge have a lower error than constant velocity": _lower(
+            ["kalman", "hedge"], ["constant_velocity"], ["sudden"], panel="traffic_scenario"
+        ),
+        "From calm to aggressive drivers no adapter has a lower mean error than the source model": _mean(
+            ["none"], ["finetune:parts=last_layer,every=4", "kalman", "hedge"], ["sudden"], panel="traffic_style"
+        ),
+        "From calm to aggressive drivers kalman has the highest error of the adapters": _lower(
+            ["finetune:parts=last_layer,every=4", "hedge"], ["kalman"], ["sudden"], panel="traffic_style"
+        ),
+        "On drone video no adapter has a lower mean error than the source model after a sudden shift of class": _mean(
+            ["none"], ["kalman", "hedge"], ["sudden"], panel="drone_class"
         ),
     },
 }
