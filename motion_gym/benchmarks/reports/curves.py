@@ -12,7 +12,7 @@ from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports.conditions import Result, measured, unit_of
 from motion_gym.benchmarks.reports.seed_tables import over_seeds
 
-POINTS = 200
+POINTS = 100
 """Points of a curve over the time of a stream."""
 MARKED = 0.1
 """The start of a segment is marked if the segment is longer than this share of the stream."""
