@@ -47,6 +47,8 @@ def connect(address: str | None, results: Path | None = None) -> None:
     Raises:
         SpecError: the cluster cannot be used, or the working folder cannot be sent.
     """
+    if address:  # read when Ray is imported: one attempt of 40 s where another server answers, instead of 20
+        os.environ.setdefault("RAY_NUM_REDIS_GET_RETRIES", "1")
     import ray
 
     if ray.is_initialized():
@@ -73,8 +75,9 @@ def connect(address: str | None, results: Path | None = None) -> None:
             logging_level=logging.ERROR,
         )
     except (OSError, ValueError, RuntimeError) as error:
+        reason = str(error).rstrip(". ")
         raise SpecError(
-            f"{where} cannot be used: {error} Run on a node of the cluster, in a folder that holds little more than "
+            f"{where} cannot be used: {reason}. Run on a node of the cluster, in a folder that holds little more than "
             "your modules, weights and tracks."
         ) from None
 
