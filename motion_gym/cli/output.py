@@ -80,14 +80,20 @@ def say(text: str) -> None:
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
+def shown(path: Path, start: Path) -> Path:
+    """A path as it is printed: relative to the folder where the command began, if it lies there."""
+    return path.relative_to(start) if path.is_relative_to(start) else path
+
+
 def begin(folder: Path | None, arguments: Sequence[str], resume: bool) -> str:
     """Begin a command that writes runs into a folder, or resume the interrupted one; returns its session."""
+    place = None if folder is None else shown(folder, Path.cwd())
     session, resumed = store.begin(folder, arguments, resume)
     if resume:
         message = (
-            f"Going on with the same command, which was interrupted: its runs in {folder} are reused."
+            f"Going on with the same command, which was interrupted: its runs in {place} are reused."
             if resumed
-            else f"There is no interrupted command with these arguments in {folder}: it begins anew."
+            else f"There is no interrupted command with these arguments in {place}: it begins anew."
         )
         print(message, file=sys.stderr)
     return session

@@ -10,7 +10,7 @@ import tyro
 
 from motion_gym.benchmarks import executors, running
 from motion_gym.benchmarks.reports import marked_block
-from motion_gym.cli.output import Out, Text, begin, console, end, progress_bar, reporter, say
+from motion_gym.cli.output import Out, Text, begin, console, end, progress_bar, reporter, say, shown
 from motion_gym.contract import SpecError
 from motion_gym.specs import number
 
@@ -66,6 +66,7 @@ def run(
     from motion_gym.benchmarks.reports import pages
 
     chosen = running.benchmark(benchmark)
+    start = Path.cwd()
     place = (out or FOLDER).absolute()  # a predictor may change the working folder
     folder = place / chosen.name
     if into is not None:
@@ -104,5 +105,5 @@ def run(
         results.runner.store.pack(place)
     if out is not None:
         for path in pages.write(results, folder):
-            say(f"Written: {path}")
+            say(f"Written: {shown(path, start)}")
     end(folder if own else None, results.runner)
