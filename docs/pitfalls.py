@@ -14,8 +14,9 @@ import numpy as np
 import motion_gym
 from motion_gym import catalog
 from motion_gym.benchmarks import running
+from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.objects import Part
-from motion_gym.benchmarks.reports.table import Table
+from motion_gym.benchmarks.reports.table import Table, number
 from motion_gym.benchmarks.store import Run
 from motion_gym.data import datasets
 from motion_gym.metrics.bootstrap import clustered_interval
@@ -63,7 +64,7 @@ def _best_of_20() -> str:
     one, twenty = errors["`kalman_velocity`, no learning"][2:]
     table = _table(
         ["method", "hotel, k = 1", "hotel, best of 20", "zara1, k = 1", "zara1, best of 20"],
-        [[label, *map(_metres, values)] for label, values in errors.items()],
+        [[label, *map(number, values)] for label, values in errors.items()],
     )
     return _section(
         "Best of 20 against one forecast",
@@ -83,7 +84,7 @@ def _scene_minimum() -> str:
         (run,) = _runs("places", "kalman_velocity", place)
         agent, scene, count = (run["metrics"][name] for name in ("minADE_20", "JADE_20", "ADE"))
         sizes[place] = count["agent_windows"] / count["scenes"]
-        one, of_agent, of_scene = (_metres(part["mean"]) for part in (count, agent, scene))
+        one, of_agent, of_scene = (number(part["mean"]) for part in (count, agent, scene))
         rows[place] = [place, f"{sizes[place]:.1f}", one, of_scene, of_agent]
     ordered = [rows[place] for place in sorted(sizes, key=lambda place: sizes[place])]
     place, _, one, of_scene, _ = ordered[-1]
@@ -103,7 +104,7 @@ def _scene_minimum() -> str:
 def _frame_rate() -> str:
     rows = []
     for row in ("constant_velocity", "constant_velocity:velocity=4", "kalman_residual"):
-        rows.append([f"`{row}`", *(_metres(_mean("places", row, place, "ADE")) for place in ("eth", "eth6"))])
+        rows.append([f"`{row}`", *(number(_mean("places", row, place, "ADE")) for place in ("eth", "eth6"))])
     slow, true = (_mean("places", "constant_velocity", place, "ADE") for place in ("eth", "eth6"))
     windows = [_runs("places", "constant_velocity", p)[0]["metrics"]["ADE"]["agent_windows"] for p in ("eth", "eth6")]
     return _section(
@@ -122,7 +123,7 @@ def _future_leak() -> str:
     for label, part in (("future, `sigma=paper`", 0), ("past, `sigma=past`", 1)):
         for row in ("linear", "linear:sigma=true"):
             errors = [_mean("spurious", row, column, "ADE", part) for column in ("8", "64")]
-            rows.append([label, f"`{row}`", *map(_metres, errors)])
+            rows.append([label, f"`{row}`", *map(number, errors)])
     plain, leaking = (_mean("spurious", row, "8", "ADE", 0) for row in ("linear", "linear:sigma=true"))
     return _section(
         "Inputs that read the future",
@@ -144,7 +145,7 @@ def _clusters() -> str:
         widths = [interval.high - interval.low for interval in intervals]
         ratios[place] = widths[0] / widths[1]
         people = f"{len(error)} / {len(np.unique(truth.observation.agent))}"
-        shown = [f"[{_metres(interval.low)}, {_metres(interval.high)}]" for interval in intervals]
+        shown = [f"[{number(interval.low)}, {number(interval.high)}]" for interval in intervals]
         rows.append([place, people, *shown, f"{ratios[place]:.1f}"])
     widest = max(ratios, key=lambda place: ratios[place])
     return _section(
@@ -163,7 +164,7 @@ def _annotation_noise() -> str:
             _mean("places", row, place, "ADE") for row in ("constant_velocity", "constant_velocity:velocity=4")
         )
         noise = measurement_noise(catalog.domain(place).windows("test")) or 0.0
-        rows.append([place, f"{1000 * noise:.2g}", _metres(last), _metres(mean), f"{100 * (mean / last - 1):+.0f} %"])
+        rows.append([place, f"{1000 * noise:.2g}", number(last), number(mean), f"{100 * (mean / last - 1):+.0f} %"])
     return _section(
         "Annotation noise",
         "Positions of eth and hotel are raw annotations; those of univ and zara are splines through few points. The "
@@ -182,7 +183,7 @@ def _time_step() -> str:
         card = motion_gym.evaluate("constant_velocity", domain)
         found[step] = card
         at = round(4.8 / step) - 1
-        rows.append([f"{step} s", f"{12 * step:.1f} s", _metres(card.ade.mean), f"{card.horizon[at]:.3f}".lstrip("0")])
+        rows.append([f"{step} s", f"{12 * step:.1f} s", number(card.ade.mean), number(card.horizon[at])])
     ratio = found[0.8].ade.mean / found[0.4].ade.mean
     return _section(
         "The time step",
@@ -202,11 +203,9 @@ def _parts(benchmark: str) -> list[tuple[Part, list[Run]]]:
 def _runs(benchmark: str, row: str, column: str, part: int | None = None) -> list[Run]:
     """Stored runs of a row at a column, one for each seed of its weights; of one part of a benchmark, or of all."""
     found = []
-    for number, (table, runs) in enumerate(_parts(benchmark)):
-        for run in runs if part in (None, number) else ():
-            name, parameters = catalog.parse_spec(run["predictor"])
-            plain = {key: value for key, value in parameters.items() if key not in ("weights", "seed")}
-            if catalog.format_spec(name, plain) == row and table.column_of(run) == column:
+    for place, (table, runs) in enumerate(_parts(benchmark)):
+        for run in runs if part in (None, place) else ():
+            if row_name(run["predictor"]) == row and table.column_of(run) == column:
                 found.append(run)
     return found
 
@@ -214,10 +213,6 @@ def _runs(benchmark: str, row: str, column: str, part: int | None = None) -> lis
 def _mean(benchmark: str, row: str, column: str, metric: str, part: int | None = None) -> float:
     """Mean of a metric over the seeds."""
     return float(np.mean([run["metrics"][metric]["mean"] for run in _runs(benchmark, row, column, part)]))
-
-
-def _metres(value: float) -> str:
-    return f"{value:.3f}".removeprefix("0")
 
 
 def _table(columns: list[str], rows: list[list[str]]) -> str:

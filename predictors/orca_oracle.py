@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, PredictorError
+from motion_gym.contract import FUTURE, HISTORY, Forecast, Observation, PredictorError
+from motion_gym.predictors.simulating import Simulating
 
 TOLERANCE = 0.05
 """Largest distance between the observed and the simulated history, metres."""
 CORRECTIONS = 6
 
 
-class OrcaOracle:
+class OrcaOracle(Simulating):
     """Simulates each scene again, from a start that is computed from the first observed positions.
 
     *Oracle*: ``know(domain)`` gives it d and all other parameters of the simulation, which no forecaster can know. The
@@ -25,19 +24,8 @@ class OrcaOracle:
     """
 
     selection = "no weights; knows every parameter of the simulation"
-
-    def __init__(self) -> None:
-        self._domain: Any = None
-
-    def know(self, domain: Domain) -> None:
-        """Receive the domain.
-
-        Raises:
-            PredictorError: the domain is not an ORCA domain.
-        """
-        if domain.card.name != "orca":
-            raise PredictorError(f"orca_oracle knows ORCA only, not `{domain.card.name}`: score it on an orca domain.")
-        self._domain = domain
+    kind = "orca_oracle"
+    knows = ("orca", "ORCA", "an orca domain")
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, 1, 12, 2], metres.
@@ -45,22 +33,21 @@ class OrcaOracle:
         Raises:
             PredictorError: ``know`` was not called, or an observation is not the beginning of a whole scene.
         """
-        if self._domain is None:
-            raise PredictorError("orca_oracle does not know the domain: call know(domain), or evaluate it by name.")
-        agents = self._domain.agents
+        domain = self.known()
+        agents = domain.agents
         if (np.diff(observation.scene) != agents).any():
             raise PredictorError(f"orca_oracle needs whole scenes of {agents} agents, but a scene has another number.")
         history = observation.xy.reshape(observation.scenes, agents, HISTORY, 2).transpose(0, 2, 1, 3)
         first = history[:, 0].astype(np.float64)
         distance = np.linalg.norm(first, axis=-1, keepdims=True)
-        start = first * (1 + self._domain.first_frame * self._domain.speed / np.maximum(distance, 1e-9))
-        frames = self._domain.simulate(start).positions
+        start = first * (1 + domain.first_frame * domain.speed / np.maximum(distance, 1e-9))
+        frames = domain.simulate(start).positions
         for _ in range(CORRECTIONS):
             off = np.abs(frames[:, 0] - first).max(axis=(1, 2)) > 1e-4
             if not off.any():
                 break
             start[off] += first[off] - frames[off, 0]
-            frames[off] = self._domain.simulate(start[off]).positions
+            frames[off] = domain.simulate(start[off]).positions
         error = np.abs(frames[:, :HISTORY] - history).max(initial=0)
         if error > TOLERANCE:
             raise PredictorError(

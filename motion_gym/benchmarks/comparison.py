@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.identity import SCORING_VERSION, row_name
+from motion_gym.benchmarks.identity import OPTIONS, SCORING_VERSION, row_name
 from motion_gym.benchmarks.reports.significance import holm
 from motion_gym.benchmarks.reports.table import Code, Table, number, p_text, percent
 from motion_gym.contract import MotionGymError, SpecError
 from motion_gym.metrics.bootstrap import paired_difference
 
 METRICS = ("ADE", "FDE")
+ALIKE = tuple(option for option in OPTIONS if option != "seed")
+"""Options that two runs share if they can be compared."""
 PAIRED, FROM_SUMMARIES = "in pairs of agents", "from the stored intervals alone"
 
 
@@ -102,7 +104,7 @@ def compare_results(a: Sequence[Mapping[str, Any]], b: Sequence[Mapping[str, Any
     for key in shared:
         one, other = first[key], second[key]
         known = not (one["identity"].get("session") or other["identity"].get("session"))
-        options = {name: one["identity"][name] for name in ("split", "protocol", "k", "references", "shots")}
+        options = {name: one["identity"][name] for name in ALIKE}
         try:
             if not known:
                 raise SpecError("code of a user")
@@ -127,8 +129,7 @@ def _by_condition(runs: Sequence[Mapping[str, Any]], name: str) -> dict[tuple[An
         raise SpecError(
             f"{name} has scoring versions {sorted(versions)}, and this is {SCORING_VERSION}: score it again."
         )
-    keys = ("domain", "split", "protocol", "k", "references", "shots")
-    return {tuple(run["identity"][key] for key in keys): run for run in windows}
+    return {tuple(run["identity"][key] for key in ("domain", *ALIKE)): run for run in windows}
 
 
 def _from_summaries(one: Mapping[str, Any], other: Mapping[str, Any], metric: str) -> Comparison:

@@ -30,6 +30,8 @@ QUESTION: Mapping[str, tuple[str, ...]] = {
     "drive": ("predictor", "domain", "others", "episodes", "seed", "fitted_to"),
 }
 """Keys of an identity that name the run, by kind; the other keys are versions and digests."""
+OPTIONS = tuple(key for key in QUESTION["windows"] if key not in ("predictor", "domain"))
+"""Options of ``evaluate`` that are keys of the identity of a score of windows."""
 
 
 def windows_identity(

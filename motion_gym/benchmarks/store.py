@@ -121,7 +121,7 @@ def _packed(path: Path, changed: int) -> tuple[Run, ...]:
         DataError: the file is damaged.
     """
     try:
-        lines = [_parse(line) for line in lzma.decompress(path.read_bytes()).splitlines()]
+        lines = [parse(line) for line in lzma.decompress(path.read_bytes()).splitlines()]
     except (OSError, ValueError, EOFError, lzma.LZMAError) as error:
         raise DataError(f"{path} cannot be read: {error}. Install the package again, or name another folder.") from None
     return tuple(_runs_among(path, {f"line {number}": line for number, line in enumerate(lines, 1)}, "lines"))
@@ -132,13 +132,15 @@ def read_folder(folder: Path) -> list[Run]:
     contents: dict[str, Any] = {}
     for path in sorted(path for path in folder.glob("*.json") if path.is_file() or path.is_symlink()):
         try:
-            contents[path.name] = _parse(path.read_bytes())
+            contents[path.name] = parse(path.read_bytes())
         except (OSError, ValueError, RecursionError) as error:
             contents[path.name] = error
     return _runs_among(folder, contents, "files")
 
 
-def _parse(text: bytes) -> Any:
+def parse(text: bytes) -> Any:
+    """A value of JSON; ValueError for NaN and infinities, which are not JSON."""
+
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is not JSON")
 

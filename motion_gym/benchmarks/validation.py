@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import lzma
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.benchmarks.identity import SCORING_VERSION, canonical, question, windows_identity
+from motion_gym.benchmarks.identity import OPTIONS, SCORING_VERSION, canonical, question, windows_identity
 from motion_gym.benchmarks.json_schema import json_schema
+from motion_gym.benchmarks.store import parse
 from motion_gym.contract import DataError, MotionGymError
 
 TOLERANCE = 1e-3
@@ -60,11 +60,8 @@ def read(path: Path) -> list[Any]:
 
 
 def _parsed(content: Callable[[], bytes]) -> Any:
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is not JSON")
-
     try:
-        return json.loads(content(), parse_constant=refuse)
+        return parse(content())
     except (OSError, ValueError, RecursionError) as error:
         return error
 
@@ -172,7 +169,7 @@ def _compare_identity(run: Mapping[str, Any]) -> Iterator[Finding]:
     stored = run["identity"]
     if stored["kind"] != "windows" or stored.get("session"):
         return
-    options = {key: stored[key] for key in ("split", "protocol", "k", "seed", "references", "shots")}
+    options = {key: stored[key] for key in OPTIONS}
     try:
         here = canonical(windows_identity(stored["predictor"], catalog.domain(stored["domain"]), **options))
     except MotionGymError as error:
@@ -189,7 +186,7 @@ def _compute_again(run: Mapping[str, Any]) -> Finding:
     from motion_gym.scoring.evaluation import evaluate
 
     identity = run["identity"]
-    options = {key: identity[key] for key in ("split", "protocol", "k", "seed", "references", "shots")}
+    options = {key: identity[key] for key in OPTIONS}
     try:
         card = evaluate(identity["predictor"], identity["domain"], reference_draws=run["reference_draws"], **options)
     except MotionGymError as error:

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from motion_gym.cli.output import progress_bar, reporter, say
+from motion_gym.cli.run import FOLDER
 from motion_gym.contract import SpecError
 from motion_gym.specs import whole_number
 
@@ -48,7 +49,7 @@ def report(
     if predictor and not domain:
         raise SpecError("`--predictor` needs a `--domain` whose scenes are forecast.")
     if scenes:
-        folder = results or Path("results")
+        folder = results or FOLDER
         whole_number("count", count, 1, 1000)
         chosen = scene_file.chosen_by_user(domain, predictor, count) if domain else scene_file.SIMULATED
         with progress_bar() as progress:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -233,7 +233,3 @@ def _settle(ledger: Outstanding, run: Run, made: int, predictor: Any) -> np.ndar
 def _without_gaps(future: np.ndarray, state: np.ndarray) -> np.ndarray:
     """Positions [N, 12, 2] of vehicles that leave: from there on they are far away, where nobody drives."""
     return np.where(np.isnan(future), 1e5, future)
-
-
-FORECASTS: Sequence[str] = ("stand_still", "constant_velocity", ORACLE)
-"""Rows that all others lie between: no forecast (the others stand still), constant velocity, and the oracle."""

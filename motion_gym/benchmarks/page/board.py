@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,8 @@ class Entry:
             None on streams.
         forecast_seconds: Seconds for one forecast.
         machine: Machine of the last run.
-        conditions: Sentences on how it was scored.
+        leaks: Declared leaks of the future.
+        conditions: Sentences on how it was scored, the leaks included.
         rank: See ``RANKING``; None if it is not ranked.
     """
 
@@ -66,7 +67,8 @@ class Entry:
     versus: tuple[float, float, float] | None
     forecast_seconds: float
     machine: str
-    conditions: list[str] = field(default_factory=list)
+    leaks: tuple[str, ...]
+    conditions: list[str]
     rank: int | None = None
 
 
@@ -74,7 +76,7 @@ def entries_of(results: Results) -> list[Entry]:
     """All entries of a benchmark, ranked within each column."""
     columns: dict[tuple[str, str], list[Entry]] = {}
     for part, runs in results.parts:
-        for (row, column), group in _grouped(runs, lambda run, part=part: part.column_of(run)).items():  # type: ignore[misc]
+        for (row, column), group in _grouped(runs, part.column_of).items():
             entry = _window_entry(results.benchmark.name, part.title, row, column, group)
             columns.setdefault((part.title, column), []).append(entry)
     for (name, column, row), group in results.streams.items():
@@ -111,6 +113,7 @@ def _window_entry(benchmark: str, table: str, row: str, column: str, runs: Seque
         ) if row != BASELINE and all(d["low"] is not None for d in differences) else None,
         forecast_seconds=_mean(run["seconds"] / max(run["metrics"]["ADE"]["agent_windows"], 1) for run in runs),
         machine=_machine(runs),
+        leaks=tuple(first["leaks"]),
         conditions=[
             f"{first['split']} split, protocol {first['protocol']}, k = {k}, {first['samples']} drawn",
             measured(runs),
@@ -135,6 +138,7 @@ def _stream_entry(benchmark: str, table: str, row: str, column: str, runs: Seque
         versus=None,
         forecast_seconds=_mean(run["tick_seconds"][0] for run in runs),
         machine=_machine(runs),
+        leaks=tuple(first["leaks"]),
         conditions=[
             f"a stream, labels {first['labels']}, learned state kept for the {first['scope']}, around {first['of']}; "
             f"{measured(runs)}",
@@ -148,8 +152,8 @@ def _stream_entry(benchmark: str, table: str, row: str, column: str, runs: Seque
 def _rank(entries: Sequence[Entry]) -> None:
     """Rank the entries of one column."""
     baseline = next((entry for entry in entries if entry.method == BASELINE), None)
-    allowed = {text for text in baseline.conditions if "leak" in text} if baseline else set()
-    ranked = [e for e in entries if e.kind != "oracle" and {text for text in e.conditions if "leak" in text} <= allowed]
+    allowed = set(baseline.leaks) if baseline else set()
+    ranked = [entry for entry in entries if entry.kind != "oracle" and set(entry.leaks) <= allowed]
     for entry in ranked:
         entry.rank = 1 + sum(_is_better(other, entry) for other in ranked if other is not entry)
 

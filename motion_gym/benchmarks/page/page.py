@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import importlib.metadata
 import itertools
 import re
@@ -112,7 +111,6 @@ def _section(results: Results, charts: list[Curves]) -> Section:
     """The tables, charts and claims of a benchmark; its charts are added to those of the page."""
     benchmark = results.benchmark
     short = pages.short(results)
-    titles = {table.markdown() for table in short}
     first = len(charts)
     charts += _charts(results)
     sentences = [*benchmark.claims, *CLAIMS.get(benchmark.name, ())]
@@ -121,7 +119,7 @@ def _section(results: Results, charts: list[Curves]) -> Section:
         benchmark.name,
         benchmark.title,
         short,
-        [table for table in pages.everything(results) if table.markdown() not in titles],
+        [table for table in pages.everything(results) if table not in short],
         range(first, len(charts)),
         claims_page.verdict_table("Claims", sentences, tested) if sentences else None,
     )
@@ -150,7 +148,10 @@ def _methods(entries: Iterable[board.Entry], scenes: Mapping[str, Any]) -> list[
 def _board(entries: Sequence[board.Entry]) -> dict[str, Any]:
     """Entries as lists of values; texts that return are numbers of a list of texts."""
     texts: dict[str, int] = {}
-    name = functools.partial(lambda text: texts.setdefault(text, len(texts)))
+
+    def name(text: str) -> int:
+        return texts.setdefault(text, len(texts))
+
     rows = [
         [
             *map(name, (e.benchmark, e.table, e.method, e.column, e.domain, e.kind, e.protocol, e.unit, e.machine)),

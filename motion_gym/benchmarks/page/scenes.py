@@ -16,7 +16,7 @@ import numpy as np
 from motion_gym import catalog
 from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.store import SHIPPED, provenance
-from motion_gym.contract import DataError, Forecast, MotionGymError, Observation, Predictor, SpecError, Truth
+from motion_gym.contract import DataError, Forecast, MotionGymError, Observation, SpecError
 from motion_gym.data.domains import spec_of
 from motion_gym.data.scene_images import SceneImage
 from motion_gym.data.storage import write_atomic
@@ -166,8 +166,9 @@ def _windows(chosen: Windows) -> Iterator[dict[str, Any]]:
 
 def _window(drawn: DrawnScene, title: str, group: str, dt: float) -> dict[str, Any]:
     scale = _scale(drawn.unit)
-    truth, origin = drawn.truth, np.zeros(2) if drawn.origin is None else drawn.origin
-    ground = [[bool(dashed), _flat(points - origin, scale)] for points, dashed in drawn.ground] if len(origin) else []
+    truth, origin = drawn.truth, drawn.origin
+    lines = () if origin is None else drawn.ground
+    ground = [[bool(dashed), _flat(points - origin, scale)] for points, dashed in lines]
     return {
         "kind": "windows", "title": title, "group": group, "unit": drawn.unit, "dt": dt, "scale": scale,
         "history": [_flat(path, scale) for path in truth.observation.xy],
@@ -183,80 +184,75 @@ def _window(drawn: DrawnScene, title: str, group: str, dt: float) -> dict[str, A
 
 
 def _likely_first(forecast: Forecast) -> np.ndarray:
-    """[A, K, 12, 2], the most likely sample first."""
-    positions = forecast.positions
-    if positions.shape[1] == 1:
-        return positions
-    likely = forecast.most_likely()[:, None]
-    distances = np.abs(positions - likely).max(axis=(2, 3))
-    return np.concatenate([likely, np.take_along_axis(positions, np.argsort(distances)[:, 1:, None, None], 1)], axis=1)
+    """[A, K, 12, 2], the samples of highest weight first."""
+    if forecast.weights is None:
+        return forecast.positions
+    order = np.argsort(-forecast.weights, axis=1, kind="stable")
+    return np.take_along_axis(forecast.positions, order[:, :, None, None], axis=1)
 
 
 def _stream(chosen: Shift) -> dict[str, Any]:
     played: Stream = stream(chosen.domains, "sudden", chosen.frames)
-    runners = {row_name(spec): ready(copied(spec), played.domains[0], 0, played.domains[1:]) for spec in chosen.methods}
-    clock, unit = played.clock, played.domains[0].card.unit
-    scale, shift = _scale(unit), int(played.ends[0])
-    step, recent = clock.reset(), {name: [] for name in runners}  # type: ignore[var-annotated]
-    errors: dict[str, list[tuple[int, float]]] = {name: [] for name in runners}
-    pending: dict[str, dict[tuple[int, int], np.ndarray]] = {name: {} for name in runners}
-    frames, curve, gauges = [], {name: [] for name in runners}, {name: {} for name in runners}  # type: ignore[var-annotated]
-    while len(step.observation):
-        now = clock.time
-        forecasts = {name: ask(runner, step.observation) for name, runner in runners.items()}
-        kept = abs(now - shift) <= chosen.shown
-        if kept:
-            frames.append(_frame(now, int(played.segment_at(now)), step.observation, step.identity, forecasts, scale))
-            for name, runner in runners.items():
-                values = recent[name][-TRAIL:]
-                curve[name].append(round(float(np.mean(values)), 3) if values else None)
-                for gauge, value in _gauges(runner).items():
-                    gauges[name].setdefault(gauge, [None] * (len(frames) - 1)).append(round(float(value), 3))
-        for name, forecast in forecasts.items():
-            for row, identity in enumerate(step.identity.tolist()):
-                pending[name][now, identity] = forecast.most_likely()[row]
-        step = clock.step(next(iter(forecasts.values())))
-        if step.settled is not None:
-            _settle(step.settled, runners, pending, recent, errors)
+    unit, shift = played.domains[0].card.unit, int(played.ends[0])
+    frames: dict[int, dict[str, Any]] = {}
+    lines = {row_name(spec): _play(spec, played, chosen.shown, frames) for spec in chosen.methods}
     labels = [f"{number} {label}" for number, label in zip(("before:", "after:"), played.labels, strict=True)]
+    parts = [frame["part"] for frame in frames.values()]
     return {
         "kind": "stream", "title": f"{played.labels[0]}, then {played.labels[1]}", "group": chosen.group,
-        "unit": unit, "dt": clock.dt, "scale": scale, "methods": list(runners), "frames": frames, "labels": labels,
-        "marks": [[next(i for i, frame in enumerate(frames) if frame["part"] == 1), labels[1]]],
-        "errors": curve,
-        "gauges": {name: values for name, values in gauges.items() if values},
+        "unit": unit, "dt": played.clock.dt, "scale": _scale(unit), "methods": list(lines),
+        "frames": list(frames.values()), "labels": labels,
+        "marks": [[parts.index(1), labels[1]]],
+        "errors": {name: line.curve for name, line in lines.items()},
+        "gauges": {name: line.gauges for name, line in lines.items() if line.gauges},
         "means": {
-            name: {label: _mean_of(part, values, shift) for part, label in enumerate(labels)}
-            for name, values in errors.items()
+            name: {label: _mean_of(part, line.errors, shift) for part, label in enumerate(labels)}
+            for name, line in lines.items()
         },
     }  # fmt: skip
 
 
-def _settle(
-    settled: Any, runners: Mapping[str, Predictor], pending: Mapping[str, dict[tuple[int, int], np.ndarray]],
-    recent: Mapping[str, list[float]], errors: Mapping[str, list[tuple[int, float]]],
-) -> None:  # fmt: skip
-    """Score the stored forecasts of every method, then let it learn."""
-    truth: Truth = settled.truth
-    keys = list(zip(settled.made.tolist(), settled.identity.tolist(), strict=True))
-    for name, runner in runners.items():
-        stored = Forecast(np.stack([pending[name].pop(key) for key in keys])[:, None])
-        scores = ade(stored, truth)[settled.matured].tolist()
-        recent[name].extend(scores)
-        errors[name].extend(zip(settled.made[settled.matured].tolist(), scores, strict=True))
-        if hasattr(runner, "observe"):
-            tell(runner, truth)
+@dataclass
+class _Line:
+    """One method over a stream: matured errors with the times of their forecasts, and values at the shown frames."""
+
+    errors: list[tuple[int, float]]
+    curve: list[float | None]
+    gauges: dict[str, list[float]]
 
 
-def _frame(
-    now: int, part: int, observation: Observation, identity: np.ndarray, forecasts: Mapping[str, Forecast], scale: int
-) -> dict[str, Any]:
+def _play(spec: str, played: Stream, shown: int, frames: dict[int, dict[str, Any]]) -> _Line:
+    """Play a stream with one method, and add its forecasts to the frames near the shift."""
+    name, runner = row_name(spec), ready(copied(spec), played.domains[0], 0, played.domains[1:])
+    clock, scale, line = played.clock, _scale(played.domains[0].card.unit), _Line([], [], {})
+    step = clock.reset()
+    while len(step.observation):
+        now, forecast = clock.time, ask(runner, step.observation)
+        if abs(now - int(played.ends[0])) <= shown:
+            part = int(played.segment_at(now))
+            frame = frames.setdefault(now, _frame(now, part, step.observation, step.identity, scale))
+            frame["forecasts"][name] = [_flat(path, scale) for path in forecast.most_likely()]
+            recent = [error for _, error in line.errors[-TRAIL:]]
+            line.curve.append(round(float(np.mean(recent)), 3) if recent else None)
+            for gauge, value in _gauges(runner).items():
+                line.gauges.setdefault(gauge, []).append(round(float(value), 3))
+        step = clock.step(forecast)
+        if step.settled is not None:
+            matured = step.settled.matured
+            errors = ade(step.settled.forecast, step.settled.truth)[matured].tolist()
+            line.errors.extend(zip(step.settled.made[matured].tolist(), errors, strict=True))
+            if hasattr(runner, "observe"):
+                tell(runner, step.settled.truth)
+    return line
+
+
+def _frame(now: int, part: int, observation: Observation, identity: np.ndarray, scale: int) -> dict[str, Any]:
     return {
         "t": now,
         "part": part,
         "agent": identity.tolist(),
         "xy": [_flat(path, scale) for path in observation.xy],
-        "forecasts": {name: [_flat(p, scale) for p in f.most_likely()] for name, f in forecasts.items()},
+        "forecasts": {},
     }
 
 

@@ -6,11 +6,13 @@ A claim that does not hold is followed by a claim that does.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
+from motion_gym.benchmarks.definitions.traffic import MOTION
+from motion_gym.benchmarks.objects import FILTERS as TRAINING_FREE
 from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
+from motion_gym.benchmarks.reports.claim_tests import ANY, Test, lower, mean
+from motion_gym.benchmarks.reports.stream_sentences import ONLINE
 
-ANY = float("inf")
 ALPHAS = ("1", "2", "4", "8", "16", "32", "64")
 PENALTIES = ("invariant:penalty=1", "invariant:penalty=3", "invariant")
 AS_RELEASED = ("invariant:penalty=1,unbiased=false", "invariant:penalty=3,unbiased=false", "invariant:unbiased=false")
@@ -27,69 +29,46 @@ F, ALL, PSI_F_G, LAST = (f"transfer:parts={parts}" for parts in ("modulator", "a
 HEAT_ALL, HEAT_MODULATOR, HEAT_LOW_RANK = (
     f"transfer:of=heatmap,parts={parts}" for parts in ("all", "modulator", "low_rank")
 )
-TRAINING_FREE = ("constant_velocity", "constant_velocity:velocity=4", "kalman_velocity")
 LATER_BATCHES = ("2", "3", "4", "5", "6")
-FILTERS = ("kalman", "ekf:parts=modulator")
-TUNED = tuple(f"finetune:parts={parts}" for parts in ("all", "style", "modulator", "last_layer"))
-WEIGHTS_ADAPTED = (*TUNED, "ema_anchor:parts=all", *FILTERS)
-NOISE_ADAPTED = ("kalman", "finetune:parts=all,every=4")
-EVERY_FOURTH = ("finetune:parts=last_layer,every=4", "ekf:parts=last_layer,every=4")
 WATCHED_EARLY = [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (1, 3, 10)]
 
-WITHOUT_NETWORK = (
-    "constant_velocity", "constant_velocity:velocity=4", "kalman_velocity", "constant_acceleration", "constant_turn",
-    "linear",
-)  # fmt: skip
+WITHOUT_NETWORK = (*MOTION, "linear")
 KNOWN_ROADS = ("calm", "normal", "assertive", "brisk", "aggressive", "left side", "merge")
-
-Test = dict[str, Any]
-"""Arguments of ``Claim``, without the sentence."""
-
-
-def _lower(rows: Sequence[str], than: Sequence[str] = (), columns: Sequence[str] = (), **options: Any) -> Test:
-    """Rows have a significantly lower error than other rows, in panel ``0`` unless another panel is named."""
-    return {"rows": rows, "than": than, "columns": columns, "panel": "0", **options}
-
-
-def _mean(rows: Sequence[str], than: Sequence[str] = (), columns: Sequence[str] = (), **options: Any) -> Test:
-    """Rows have a lower mean error than other rows, or a ratio of mean errors in a range."""
-    return _lower(rows, than, columns, significant=False, **options)
-
 
 TESTS: Mapping[str, Mapping[str, Test]] = {
     "spurious": {
-        "erm and counterfactual are level up to alpha 8 (within 15 % of the ADE at 8)": _mean(
+        "erm and counterfactual are level up to alpha 8 (within 15 % of the ADE at 8)": mean(
             ["erm", "counterfactual"], columns=ALPHAS[:3], than_column="8", ratio=(0.85, 1.15)
         ),
-        "erm, counterfactual, vrex and group_dro break after alpha 8 (ADE 1.5 times that at 8 or more)": _lower(
+        "erm, counterfactual, vrex and group_dro break after alpha 8 (ADE 1.5 times that at 8 or more)": lower(
             ["erm", "counterfactual", "vrex", "group_dro"], columns=ALPHAS[4:], than_column="8", ratio=(1.5, ANY)
         ),
-        "The invariance penalty breaks later: at alpha 16 its ADE is that at alpha 8 (within 15 %)": _mean(
+        "The invariance penalty breaks later: at alpha 16 its ADE is that at alpha 8 (within 15 %)": mean(
             PENALTIES, columns=["16"], than_column="8", ratio=(0.85, 1.15)
         ),
-        "At alpha 16 the error of the penalty rows is 20 to 35 % above that at alpha 8": _mean(
+        "At alpha 16 the error of the penalty rows is 20 to 35 % above that at alpha 8": mean(
             PENALTIES, columns=["16"], than_column="8", ratio=(1.2, 1.35)
         ),
-        "The invariance penalty reduces the error at alpha 16": _lower(PENALTIES, ["erm"], ["16"]),
-        "The invariance penalty breaks less: its ADE is lower at alpha 64": _lower(PENALTIES, ["erm"], ["64"]),
-        "At alpha 64 the advantage of the penalty over plain training is not significant": _lower(
+        "The invariance penalty reduces the error at alpha 16": lower(PENALTIES, ["erm"], ["16"]),
+        "The invariance penalty breaks less: its ADE is lower at alpha 64": lower(PENALTIES, ["erm"], ["64"]),
+        "At alpha 64 the advantage of the penalty over plain training is not significant": lower(
             PENALTIES, ["erm"], ["64"], where=NOWHERE
         ),
-        "The penalty costs error at the alphas of training": _lower(["erm"], PENALTIES, ALPHAS[:4]),
-        "With lambda 3 and 5 the penalty costs error at the alphas of training": _lower(
+        "The penalty costs error at the alphas of training": lower(["erm"], PENALTIES, ALPHAS[:4]),
+        "With lambda 3 and 5 the penalty costs error at the alphas of training": lower(
             ["erm"], PENALTIES[1:], ALPHAS[:4]
         ),
-        "With lambda 1 the curve is the paper's (JADE_20 within 20 % at each alpha)": _mean(
+        "With lambda 1 the curve is the paper's (JADE_20 within 20 % at each alpha)": mean(
             PENALTIES[:1], ["the paper: invariant:penalty=1"], panel="published", ratio=(0.8, 1.2)
         ),
-        "With lambda 3 the error rises earlier than the paper's (15 % or more above it from alpha 16 on)": _mean(
+        "With lambda 3 the error rises earlier than the paper's (15 % or more above it from alpha 16 on)": mean(
             PENALTIES[1:2], ["the paper: invariant:penalty=3"], ALPHAS[4:], panel="published", ratio=(1.15, ANY)
         ),
-        "With lambda 5 the error rises earlier than the paper's (15 % or more above it from alpha 16 on)": _mean(
+        "With lambda 5 the error rises earlier than the paper's (15 % or more above it from alpha 16 on)": mean(
             PENALTIES[2:], ["the paper: invariant"], ALPHAS[4:], panel="published", ratio=(1.15, ANY)
         ),
         **{
-            f"Trained as in the paper, {name} is within {percent} % of the paper's figure at each alpha": _mean(
+            f"Trained as in the paper, {name} is within {percent} % of the paper's figure at each alpha": mean(
                 [f"as in the paper: {row}"],
                 [f"the paper: {row}"],
                 panel="published",
@@ -103,285 +82,212 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
                 ("the penalty with lambda 5", "invariant", 40),
             )
         },
-        "Trained as in the paper, the penalty lowers the error from alpha 16 on": _lower(
+        "Trained as in the paper, the penalty lowers the error from alpha 16 on": lower(
             AS_RELEASED, ["erm"], ALPHAS[4:], panel=AS_IN_THE_PAPER
         ),
-        "Trained as in the paper, lambda 5 has a lower error than plain training from alpha 16 on": _lower(
+        "Trained as in the paper, lambda 5 has a lower error than plain training from alpha 16 on": lower(
             AS_RELEASED[2:], ["erm"], ALPHAS[4:], panel=AS_IN_THE_PAPER
         ),
-        "Trained as in the paper, the penalty rows have a lower mean error from alpha 16 on than trained here": _mean(
+        "Trained as in the paper, the penalty rows have a lower mean error from alpha 16 on than trained here": mean(
             [f"as in the paper: {row}" for row in PENALTIES[2:]], PENALTIES[2:], ALPHAS[4:], panel="published"
         ),
-        "The rows with sigma=relative are the best at every alpha": _mean(RELATIVE, FEATURE_ROWS, ALPHAS),
-        "linear:sigma=relative has the lowest ADE at every alpha": _mean(
+        "The rows with sigma=relative are the best at every alpha": mean(RELATIVE, FEATURE_ROWS, ALPHAS),
+        "linear:sigma=relative has the lowest ADE at every alpha": mean(
             RELATIVE[:1], [RELATIVE[1], *FEATURE_ROWS, "erm_no_sigma", "linear", "constant_velocity"], ALPHAS
         ),
-        "With sigma from the past, the penalty raises the error at alpha 8": _lower(
+        "With sigma from the past, the penalty raises the error at alpha 8": lower(
             ["erm"], ["invariant"], ["8"], panel="1"
         ),
-        "The counterfactual decoder has a higher mean error than erm at alpha 64 (the paper: a lower one)": _mean(
+        "The counterfactual decoder has a higher mean error than erm at alpha 64 (the paper: a lower one)": mean(
             ["erm"], ["counterfactual"], ["64"]
         ),
     },
     "places": {
-        "kalman_residual has a lower error than constant velocity at every place": _lower(
+        "kalman_residual has a lower error than constant velocity at every place": lower(
             ["kalman_residual"], ["constant_velocity"], panel=""
         ),
-        "kalman_residual has a lower error than kalman_velocity at every place": _lower(
+        "kalman_residual has a lower error than kalman_velocity at every place": lower(
             ["kalman_residual"], ["kalman_velocity"], panel=""
         ),
-        "erm_no_sigma has a higher mean error than constant velocity at every place but eth": _mean(
+        "erm_no_sigma has a higher mean error than constant velocity at every place but eth": mean(
             ["constant_velocity"], ["erm_no_sigma"], ["eth6", "hotel", "univ", "zara1", "zara2"], panel=""
         ),
     },
     "original": {
-        "Everywhere but at eth constant velocity is better than all networks": _lower(
+        "Everywhere but at eth constant velocity is better than all networks": lower(
             ["constant_velocity"], ORIGINAL, PLACES, panel=""
         ),
-        "Everywhere but at eth constant velocity has a lower mean error than all networks": _mean(
+        "Everywhere but at eth constant velocity has a lower mean error than all networks": mean(
             ["constant_velocity"], ORIGINAL, PLACES, panel=""
         ),
-        "At hotel plain training comes close to the paper's number (within 10 %)": _mean(
+        "At hotel plain training comes close to the paper's number (within 10 %)": mean(
             ORIGINAL[:1], ["the paper: erm_no_sigma"], ["hotel"], panel="published", ratio=(0.9, 1.1)
         ),
-        "At hotel neither the counterfactual decoder nor the penalty does better than plain training": _lower(
+        "At hotel neither the counterfactual decoder nor the penalty does better than plain training": lower(
             ORIGINAL[1:], ORIGINAL[:1], ["hotel"], panel="", where=NOWHERE
         ),
-        "At hotel, trained as in the paper, plain training is within 15 % of the paper's number": _mean(
+        "At hotel, trained as in the paper, plain training is within 15 % of the paper's number": mean(
             ["as in the paper: erm_no_sigma"], ["the paper: erm_no_sigma"], panel="published", ratio=(0.85, 1.15)
         ),
-        "At hotel, trained as in the paper, the counterfactual decoder is within 10 % of the paper's number": _mean(
+        "At hotel, trained as in the paper, the counterfactual decoder is within 10 % of the paper's number": mean(
             [f"as in the paper: {ORIGINAL[1]}"], [f"the paper: {ORIGINAL[1]}"], panel="published", ratio=(0.9, 1.1)
         ),
-        "At hotel, trained as in the paper, the penalty is 20 % or more above the paper's number": _mean(
+        "At hotel, trained as in the paper, the penalty is 20 % or more above the paper's number": mean(
             [f"as in the paper: {ORIGINAL[2]},unbiased=false"],
             [f"the paper: {ORIGINAL[2]}"],
             panel="published",
             ratio=(1.2, ANY),
         ),
-        "At hotel, trained as in the paper, the penalty does no better than plain training": _lower(
+        "At hotel, trained as in the paper, the penalty does no better than plain training": lower(
             [f"{ORIGINAL[2]},unbiased=false"], ORIGINAL[:1], ["hotel"], panel="5", where=NOWHERE
         ),
     },
     "style": {
-        "A style lowers the mean error at every d": _mean(["modular"], ["style_erm"]),
-        "In each agent's own frame a style lowers the mean error at every d": _mean(["ego_modular"], ["ego_erm"]),
-        "Without reference scenes, modular is no better than style_erm out of distribution": _lower(
+        "A style lowers the mean error at every d": mean(["modular"], ["style_erm"]),
+        "In each agent's own frame a style lowers the mean error at every d": mean(["ego_modular"], ["ego_erm"]),
+        "Without reference scenes, modular is no better than style_erm out of distribution": lower(
             ["modular"], ["style_erm"], ["0.4, 0 references", "0.6, 0 references"], panel="references", where=NOWHERE
         ),
-        "Without reference scenes, modular is not everywhere better than style_erm: at d = 0.4, not at 0.6": _lower(
+        "Without reference scenes, modular is not everywhere better than style_erm: at d = 0.4, not at 0.6": lower(
             ["modular"],
             ["style_erm"],
             ["0.4, 0 references", "0.6, 0 references"],
             panel="references",
             where=NOT_EVERYWHERE,
         ),
-        "A handful of reference scenes is enough: with 4, modular is within 5 % of 256 at d = 0.6": _mean(
+        "A handful of reference scenes is enough: with 4, modular is within 5 % of 256 at d = 0.6": mean(
             ["modular"],
             columns=["0.6, 4 references"],
             panel="references",
             than_column="0.6, 256 references",
             ratio=(0, 1.05),
         ),
-        "16 reference scenes are as good as 64: modular is within 2 % at d = 0.6": _mean(
+        "16 reference scenes are as good as 64: modular is within 2 % at d = 0.6": mean(
             ["modular"],
             columns=["0.6, 16 references"],
             panel="references",
             than_column="0.6, 64 references",
             ratio=(0, 1.02),
         ),
-        "modular_invariant is not better than modular out of distribution": _lower(
+        "modular_invariant is not better than modular out of distribution": lower(
             ["modular_invariant"], ["modular"], OUT, where=NOWHERE
         ),
-        "style_invariant is not better than style_erm out of distribution": _lower(
+        "style_invariant is not better than style_erm out of distribution": lower(
             ["style_invariant"], ["style_erm"], OUT, where=NOWHERE
         ),
-        "ego_erm has less than half of the error of every network of the paper": _lower(
+        "ego_erm has less than half of the error of every network of the paper": lower(
             ["ego_erm"], NETWORKS, ratio=(0, 0.5)
         ),
-        "ego_erm has less than half of the mean error of every network of the paper": _mean(
+        "ego_erm has less than half of the mean error of every network of the paper": mean(
             ["ego_erm"], NETWORKS, ratio=(0, 0.5)
         ),
-        "The frame matters more than the style": _lower(["style_erm, in each agent's own frame"], ["modular"]),
-        "On the blind circle only ego_modular can know the style": _lower(
+        "The frame matters more than the style": lower(["style_erm, in each agent's own frame"], ["modular"]),
+        "On the blind circle only ego_modular can know the style": lower(
             ["ego_modular"], ["modular", "ego_erm"], panel="2"
         ),
-        "On the blind circle ego_modular is better than ego_erm out of distribution": _lower(
+        "On the blind circle ego_modular is better than ego_erm out of distribution": lower(
             ["ego_modular"], ["ego_erm"], OUT, panel="2"
         ),
     },
     "crowd": {
-        "With a style the mean error of STGAT is 8 to 11 % lower": _mean(
+        "With a style the mean error of STGAT is 8 to 11 % lower": mean(
             ["modular_stgat"], ["erm_no_sigma"], ratio=(0.89, 0.92)
         ),
-        "With a style the error of STGAT is lower in all seeds up to d = 0.7": _mean(
+        "With a style the error of STGAT is lower in all seeds up to d = 0.7": mean(
             ["modular_stgat"], ["erm_no_sigma"], ["0.1", "0.3", "0.4", "0.5", "0.6", "0.7"], each_seed=True
         ),
-        "With a style the error of STGAT is significantly lower at d = 0.4, 0.5 and 0.6": _lower(
+        "With a style the error of STGAT is significantly lower at d = 0.4, 0.5 and 0.6": lower(
             ["modular_stgat"], ["erm_no_sigma"], ["0.4", "0.5", "0.6"]
         ),
-        "STGAT has less than half of the error of constant velocity from d = 0.3 on": _lower(
+        "STGAT has less than half of the error of constant velocity from d = 0.3 on": lower(
             ["modular_stgat", "erm_no_sigma"], ["constant_velocity"], ["0.3", "0.5", *OUT], ratio=(0, 0.5)
         ),
     },
     "transfer": {
-        "Reading the style of one batch closes most of the gap": _lower(
+        "Reading the style of one batch closes most of the gap": lower(
             ["modular_invariant"], columns=["1"], than_column="0", ratio=(0, 0.6)
         ),
-        "Tuning psi, f and g lowers the error below reading the style from the second batch on": _lower(
+        "Tuning psi, f and g lowers the error below reading the style from the second batch on": lower(
             [PSI_F_G], ["modular_invariant"], LATER_BATCHES
         ),
-        "Tuning psi, f and g lowers the mean error below reading the style from the second batch on": _mean(
+        "Tuning psi, f and g lowers the mean error below reading the style from the second batch on": mean(
             [PSI_F_G], ["modular_invariant"], LATER_BATCHES
         ),
-        "Tuning psi, f and g together has the lowest mean error from the second batch on": _mean(
+        "Tuning psi, f and g together has the lowest mean error from the second batch on": mean(
             [PSI_F_G], [ALL, F, LAST], LATER_BATCHES
         ),
-        "Tuning f alone is not better than tuning everything at one and two batches": _lower(
+        "Tuning f alone is not better than tuning everything at one and two batches": lower(
             [F], [ALL], ["1", "2"], where=NOWHERE
         ),
-        "By the published protocol tuning f alone is better than tuning the whole network at one batch": _lower(
+        "By the published protocol tuning f alone is better than tuning the whole network at one batch": lower(
             [F], [ALL], ["1"], panel="1"
         ),
-        "By the published protocol tuning f alone is better at one batch than psi, f and g": _lower(
+        "By the published protocol tuning f alone is better at one batch than psi, f and g": lower(
             [F], [PSI_F_G], ["1"], panel="1"
         ),
-        "By the published protocol tuning f alone has the lowest mean error of what is tuned at one batch": _mean(
+        "By the published protocol tuning f alone has the lowest mean error of what is tuned at one batch": mean(
             [F], [ALL, PSI_F_G, LAST], ["1"], panel="1"
         ),
-        "Refinement lowers the error after tuning by the published protocol, each time": _lower(
+        "Refinement lowers the error after tuning by the published protocol, each time": lower(
             ["refine:of=transfer"], [F], panel="1"
         ),
-        "Refinement lowers the mean error after tuning, each time": _mean(["refine:of=transfer"], [F]),
-        "Refinement lowers the mean error after tuning by the published protocol, each time": _mean(
+        "Refinement lowers the mean error after tuning, each time": mean(["refine:of=transfer"], [F]),
+        "Refinement lowers the mean error after tuning by the published protocol, each time": mean(
             ["refine:of=transfer"], [F], panel="1"
         ),
     },
     "vehicles": {
         "In traffic kalman_residual has a lower error than every row without a network for each driving style, on the "
-        "other side of the road and at a merge": _lower(["kalman_residual"], WITHOUT_NETWORK, KNOWN_ROADS),
-        "With styles of training, kalman_residual takes half or more off the error of constant velocity": _mean(
+        "other side of the road and at a merge": lower(["kalman_residual"], WITHOUT_NETWORK, KNOWN_ROADS),
+        "With styles of training, kalman_residual takes half or more off the error of constant velocity": mean(
             ["kalman_residual"], ["constant_velocity"], ["calm", "normal", "assertive", "brisk"], ratio=(0, 0.5)
         ),
-        "On roads with bends and crossings, which were not trained on, it does not": _mean(
+        "On roads with bends and crossings, which were not trained on, it does not": mean(
             ["kalman_residual"], ["constant_velocity"], ["roundabout", "intersection"], where=NOWHERE
         ),
-        "The networks in the frame of each agent have no lower mean error than linear in traffic": _mean(
+        "The networks in the frame of each agent have no lower mean error than linear in traffic": mean(
             ["ego_erm", "ego_modular"], ["linear"], where=NOWHERE
         ),
     },
     "sdd": {
-        "Without transfer heatmap has a lower error in the fastest domain than the training-free rows": _lower(
+        "Without transfer heatmap has a lower error in the fastest domain than the training-free rows": lower(
             ["heatmap"], TRAINING_FREE, ["0"], panel="2"
         ),
-        "Low-rank adapters have a lower mean error than tuning everything at 1 to 5 batches": _mean(
+        "Low-rank adapters have a lower mean error than tuning everything at 1 to 5 batches": mean(
             [HEAT_LOW_RANK], [HEAT_ALL], ("1", *LATER_BATCHES[:4]), panel="2"
         ),
-        "At 5 batches the modulator is not better than tuning everything": _lower(
+        "At 5 batches the modulator is not better than tuning everything": lower(
             [HEAT_MODULATOR], [HEAT_ALL], ["5"], panel="2", where=NOWHERE
         ),
     },
     "refinement": {
-        "Refinement by 3 steps lowers the mean error of modular_invariant at every d": _mean(
+        "Refinement by 3 steps lowers the mean error of modular_invariant at every d": mean(
             ["refine"], ["modular_invariant"]
         ),
-        "Refinement by 3 steps lowers the mean error of modular at every d": _mean(["refine:of=modular"], ["modular"]),
+        "Refinement by 3 steps lowers the mean error of modular at every d": mean(["refine:of=modular"], ["modular"]),
     },
     "pretraining": {
-        "With pre-training the error is lower after 1 to 10 epochs of the last stage": _lower(
+        "With pre-training the error is lower after 1 to 10 epochs of the last stage": lower(
             ["pre-trained"], ["not pre-trained"], WATCHED_EARLY, panel="pretraining"
         ),
-        "With pre-training the mean error is lower after 1 to 10 epochs of the last stage": _mean(
+        "With pre-training the mean error is lower after 1 to 10 epochs of the last stage": mean(
             ["pre-trained"], ["not pre-trained"], WATCHED_EARLY, panel="pretraining"
         ),
-        "With pre-training the error is not significantly lower after 30 and 100 epochs": _lower(
+        "With pre-training the error is not significantly lower after 30 and 100 epochs": lower(
             ["pre-trained"],
             ["not pre-trained"],
             [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (30, 100)],
             panel="pretraining",
             where=NOWHERE,
         ),
-        "With pre-training the mean error is lower after 30 and 100 epochs, too": _mean(
+        "With pre-training the mean error is lower after 30 and 100 epochs, too": mean(
             ["pre-trained"],
             ["not pre-trained"],
             [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (30, 100)],
             panel="pretraining",
         ),
     },
-    "online": {
-        "After a sudden change of style, the filters and hedge gain most": _lower(
-            [*FILTERS, "hedge"], ["style", "refine", *WEIGHTS_ADAPTED[:5]], ["sudden"], panel="style"
-        ),
-        "The filters are within 10 % of the oracle after 90 matured forecasts, in all five runs": _mean(
-            FILTERS, ["oracle"], ["from 90 on"], panel="style", ratio=(0, 1.1), each_seed=True
-        ),
-        "After 90 matured forecasts the mean error of the filters is 15 to 25 % above the oracle's": _mean(
-            FILTERS, ["oracle"], ["from 90 on"], panel="style", ratio=(1.15, 1.25)
-        ),
-        "Tuning the modulator alone is not better than tuning everything after a sudden change of style": _lower(
-            TUNED[2:3], TUNED[:1], ["sudden"], panel="style", where=NOWHERE
-        ),
-        "Up to 200 matured forecasts, tuning the modulator alone has a higher mean error than tuning everything": _mean(
-            TUNED[:1], TUNED[2:3], [f"last 50 at {n}" for n in (50, 100, 150, 200)], panel="style"
-        ),
-        "When d = 0.3 comes back, the error has grown by 11 to 32 % where weights were adapted": _mean(
-            WEIGHTS_ADAPTED, ["none"], ["on return"], panel="style", ratio=(1.11, 1.32)
-        ),
-        "When d = 0.3 comes back, the error has grown by 77 % or more where the style is read": _mean(
-            ["style", "refine"], ["none"], ["on return"], panel="style", ratio=(1.77, ANY)
-        ),
-        "When d = 0.3 comes back, the error has grown least with hedge": _mean(
-            ["hedge"], ["style", "refine", *WEIGHTS_ADAPTED], ["on return"], panel="style"
-        ),
-        "Under another noise, kalman and tuning everything take a third or more off the error": _mean(
-            NOISE_ADAPTED, ["none"], panel="alpha", ratio=(0, 0.67)
-        ),
-        "After a sudden change of noise, kalman and tuning everything take 30 % or more off the error": _lower(
-            NOISE_ADAPTED, ["none"], ["sudden"], panel="alpha", ratio=(0, 0.7)
-        ),
-        "After a sudden change of noise, kalman and tuning everything stay above constant velocity": _lower(
-            ["constant_velocity"], NOISE_ADAPTED, ["sudden"], panel="alpha"
-        ),
-        "After a sudden change of noise, hedge is within 1 % of constant velocity": _mean(
-            ["hedge"], ["constant_velocity"], ["sudden"], panel="alpha", ratio=(0.99, 1.01), each_seed=True
-        ),
-        "After a sudden change of noise, hedge is within 6 % of constant velocity for each seed": _mean(
-            ["hedge"], ["constant_velocity"], ["sudden"], panel="alpha", ratio=(0.94, 1.06), each_seed=True
-        ),
-        "After a sudden change of noise, no adapter has a lower mean error than constant velocity": _mean(
-            ["constant_velocity"],
-            [*NOISE_ADAPTED, "hedge", "ema_anchor:parts=all,every=4", *EVERY_FOURTH],
-            ["sudden"],
-            panel="alpha",
-        ),
-        "From the 150th matured forecast on, hedge is below constant velocity": _mean(
-            ["hedge"], ["constant_velocity"], [f"last 50 at {n}" for n in (150, 200, 250, 300)], panel="alpha"
-        ),
-        "At the 100th matured forecast hedge is above constant velocity": _mean(
-            ["constant_velocity"], ["hedge"], ["last 50 at 100"], panel="alpha"
-        ),
-        "At other places constant velocity has a lower mean error than the oracle": _mean(
-            ["constant_velocity"], ["oracle"], ["sudden"], panel="places"
-        ),
-        "At other places kalman is worse than the source model right after the shift": _lower(
-            ["none"], ["kalman"], ["last 50 at 50"], panel="places"
-        ),
-        "From a straight road to a roundabout, kalman and hedge take 20 % or more off the error of the source model": (
-            _lower(["kalman", "hedge"], ["none"], ["sudden"], panel="traffic_scenario", ratio=(0, 0.8))
-        ),
-        "From a straight road to a roundabout, kalman and hedge have a lower error than constant velocity": _lower(
-            ["kalman", "hedge"], ["constant_velocity"], ["sudden"], panel="traffic_scenario"
-        ),
-        "From calm to aggressive drivers no adapter has a lower mean error than the source model": _mean(
-            ["none"], ["finetune:parts=last_layer,every=4", "kalman", "hedge"], ["sudden"], panel="traffic_style"
-        ),
-        "From calm to aggressive drivers kalman has the highest error of the adapters": _lower(
-            ["finetune:parts=last_layer,every=4", "hedge"], ["kalman"], ["sudden"], panel="traffic_style"
-        ),
-        "On drone video no adapter has a lower mean error than the source model after a sudden shift of class": _mean(
-            ["none"], ["kalman", "hedge"], ["sudden"], panel="drone_class"
-        ),
-    },
+    "online": ONLINE,
 }
 """The test of each sentence, by benchmark."""
 

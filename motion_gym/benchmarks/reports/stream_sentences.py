@@ -1,0 +1,90 @@
+"""The claims of the documentation about online adaptation, with their tests; see ``sentences``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from motion_gym.benchmarks.objects import NOWHERE
+from motion_gym.benchmarks.reports.claim_tests import ANY, Test, lower, mean
+
+FILTERS = ("kalman", "ekf:parts=modulator")
+TUNED = tuple(f"finetune:parts={parts}" for parts in ("all", "style", "modulator", "last_layer"))
+WEIGHTS_ADAPTED = (*TUNED, "ema_anchor:parts=all", *FILTERS)
+NOISE_ADAPTED = ("kalman", "finetune:parts=all,every=4")
+EVERY_FOURTH = ("finetune:parts=last_layer,every=4", "ekf:parts=last_layer,every=4")
+
+ONLINE: Mapping[str, Test] = {
+    "After a sudden change of style, the filters and hedge gain most": lower(
+        [*FILTERS, "hedge"], ["style", "refine", *WEIGHTS_ADAPTED[:5]], ["sudden"], panel="style"
+    ),
+    "The filters are within 10 % of the oracle after 90 matured forecasts, in all five runs": mean(
+        FILTERS, ["oracle"], ["from 90 on"], panel="style", ratio=(0, 1.1), each_seed=True
+    ),
+    "After 90 matured forecasts the mean error of the filters is 15 to 25 % above the oracle's": mean(
+        FILTERS, ["oracle"], ["from 90 on"], panel="style", ratio=(1.15, 1.25)
+    ),
+    "Tuning the modulator alone is not better than tuning everything after a sudden change of style": lower(
+        TUNED[2:3], TUNED[:1], ["sudden"], panel="style", where=NOWHERE
+    ),
+    "Up to 200 matured forecasts, tuning the modulator alone has a higher mean error than tuning everything": mean(
+        TUNED[:1], TUNED[2:3], [f"last 50 at {n}" for n in (50, 100, 150, 200)], panel="style"
+    ),
+    "When d = 0.3 comes back, the error has grown by 11 to 32 % where weights were adapted": mean(
+        WEIGHTS_ADAPTED, ["none"], ["on return"], panel="style", ratio=(1.11, 1.32)
+    ),
+    "When d = 0.3 comes back, the error has grown by 77 % or more where the style is read": mean(
+        ["style", "refine"], ["none"], ["on return"], panel="style", ratio=(1.77, ANY)
+    ),
+    "When d = 0.3 comes back, the error has grown least with hedge": mean(
+        ["hedge"], ["style", "refine", *WEIGHTS_ADAPTED], ["on return"], panel="style"
+    ),
+    "Under another noise, kalman and tuning everything take a third or more off the error": mean(
+        NOISE_ADAPTED, ["none"], panel="alpha", ratio=(0, 0.67)
+    ),
+    "After a sudden change of noise, kalman and tuning everything take 30 % or more off the error": lower(
+        NOISE_ADAPTED, ["none"], ["sudden"], panel="alpha", ratio=(0, 0.7)
+    ),
+    "After a sudden change of noise, kalman and tuning everything stay above constant velocity": lower(
+        ["constant_velocity"], NOISE_ADAPTED, ["sudden"], panel="alpha"
+    ),
+    "After a sudden change of noise, hedge is within 1 % of constant velocity": mean(
+        ["hedge"], ["constant_velocity"], ["sudden"], panel="alpha", ratio=(0.99, 1.01), each_seed=True
+    ),
+    "After a sudden change of noise, hedge is within 6 % of constant velocity for each seed": mean(
+        ["hedge"], ["constant_velocity"], ["sudden"], panel="alpha", ratio=(0.94, 1.06), each_seed=True
+    ),
+    "After a sudden change of noise, no adapter has a lower mean error than constant velocity": mean(
+        ["constant_velocity"],
+        [*NOISE_ADAPTED, "hedge", "ema_anchor:parts=all,every=4", *EVERY_FOURTH],
+        ["sudden"],
+        panel="alpha",
+    ),
+    "From the 150th matured forecast on, hedge is below constant velocity": mean(
+        ["hedge"], ["constant_velocity"], [f"last 50 at {n}" for n in (150, 200, 250, 300)], panel="alpha"
+    ),
+    "At the 100th matured forecast hedge is above constant velocity": mean(
+        ["constant_velocity"], ["hedge"], ["last 50 at 100"], panel="alpha"
+    ),
+    "At other places constant velocity has a lower mean error than the oracle": mean(
+        ["constant_velocity"], ["oracle"], ["sudden"], panel="places"
+    ),
+    "At other places kalman is worse than the source model right after the shift": lower(
+        ["none"], ["kalman"], ["last 50 at 50"], panel="places"
+    ),
+    "From a straight road to a roundabout, kalman and hedge take 20 % or more off the error of the source model": (
+        lower(["kalman", "hedge"], ["none"], ["sudden"], panel="traffic_scenario", ratio=(0, 0.8))
+    ),
+    "From a straight road to a roundabout, kalman and hedge have a lower error than constant velocity": lower(
+        ["kalman", "hedge"], ["constant_velocity"], ["sudden"], panel="traffic_scenario"
+    ),
+    "From calm to aggressive drivers no adapter has a lower mean error than the source model": mean(
+        ["none"], ["finetune:parts=last_layer,every=4", "kalman", "hedge"], ["sudden"], panel="traffic_style"
+    ),
+    "From calm to aggressive drivers kalman has the highest error of the adapters": lower(
+        ["finetune:parts=last_layer,every=4", "hedge"], ["kalman"], ["sudden"], panel="traffic_style"
+    ),
+    "On drone video no adapter has a lower mean error than the source model after a sudden shift of class": mean(
+        ["none"], ["kalman", "hedge"], ["sudden"], panel="drone_class"
+    ),
+}
+"""The test of each sentence."""
