@@ -25,7 +25,7 @@ from motion_gym.benchmarks.store import Run
 from motion_gym.contract import SpecError
 from motion_gym.metrics.bootstrap import clustered_interval, paired_difference
 from motion_gym.scoring.cards import in_json
-from motion_gym.stepping.harness import ready
+from motion_gym.stepping.harness import is_fitted_here, ready
 
 
 def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of: str | None, session: str) -> None:
@@ -96,12 +96,7 @@ def _seeds_of(predictor: Any) -> list[tuple[Any, int]]:
         file = path.suffix == ".safetensors"
         card = json.loads(path.with_suffix(".json").read_bytes()) if file else shipped_card(str(weights), predictor)
         return [(with_parameters(predictor, seed=seed), 0) for seed in card["seeds"]]
-    return [(predictor, seed) for seed in (SEEDS if _is_fitted_here(predictor, instance) else (0,))]
-
-
-def _is_fitted_here(predictor: Any, instance: Any) -> bool:
-    """Whether a predictor must be fitted before it is scored; objects are scored as they are."""
-    return isinstance(predictor, (str, type)) and hasattr(instance, "fit") and not getattr(instance, "fitted", False)
+    return [(predictor, seed) for seed in (SEEDS if is_fitted_here(predictor, instance) else (0,))]
 
 
 def _predictor_jobs(results: Results, predictor: Any, session: str) -> Iterator[Job]:
@@ -133,7 +128,7 @@ _FITTED: dict[tuple[Any, ...], Any] = {}
 
 def _ready(spec: Any, place: Any, seed: int) -> Any:
     """A predictor for ``evaluate``: fitted once for all columns that have the same sources."""
-    if not _is_fitted_here(spec, catalog.predictor(spec)):
+    if not is_fitted_here(spec, catalog.predictor(spec)):
         return spec
     key = (spec, seed, *(facts_of(source).spec for source in place.sources()))
     if key not in _FITTED:

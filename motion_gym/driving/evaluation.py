@@ -130,7 +130,7 @@ def drive(
     place = catalog.domain(domain)
     drawn = episodes_of(place, split).draw(count, seed)
     oracle = isinstance(predictor, str) and predictor == ORACLE
-    asked: Any = None if oracle else _ready(predictor, catalog.domain(fitted_to or place), place, seed)
+    asked: Any = None if oracle else ready(copied(predictor), catalog.domain(fitted_to or place), seed, [place])
     name = predictor if isinstance(predictor, str) else name_of(asked)
     results: list[_Result] = []
     for number, episode in enumerate(drawn):
@@ -169,16 +169,6 @@ class _Result:
     values: dict[str, float] = field(default_factory=dict)
     seconds: list[tuple[float, float]] = field(default_factory=list)
     error: str = ""
-
-
-def _ready(predictor: Any, fitted_to: Domain, domain: Domain, seed: int) -> Any:
-    """A predictor for driving; the predictor inside an adapter is fitted if it needs to be."""
-    if isinstance(predictor, str):
-        name, parameters = catalog.parse_spec(predictor)
-        if name in catalog.ADAPTERS and "of" in parameters and "weights" not in parameters:
-            inner = ready(parameters.pop("of"), fitted_to, seed)
-            predictor = catalog.adapter(catalog.format_spec(name, parameters), inner)
-    return ready(copied(predictor), fitted_to, seed, [domain])
 
 
 def _drive_one(predictor: Any, name: str, domain: Any, episode: Episode, others: str, seed: int) -> _Result:

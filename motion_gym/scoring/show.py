@@ -223,9 +223,20 @@ def _scene_number(windows: Truth, scene: int | None, time: float | None, owner: 
 def _checked_path(path: Path) -> Path:
     if path.suffix not in FORMATS:
         raise SpecError(f"`{path}` must end in one of {', '.join(FORMATS)}.")
-    if path.suffix == ".mp4" and not animation.FFMpegWriter.isAvailable():
-        raise SpecError(f"`{path}` needs the program ffmpeg, which is not installed here: install it, or write a .gif.")
+    if path.suffix == ".mp4" and not _ffmpeg():
+        raise SpecError(f"`{path}` needs ffmpeg: pip install 'motion-gym[video]'. Or write a .gif.")
     return path
+
+
+def _ffmpeg() -> str:
+    """Path of the program ffmpeg, or of the one that comes with imageio-ffmpeg; empty if neither is installed."""
+    if animation.FFMpegWriter.isAvailable():
+        return str(matplotlib.rcParams["animation.ffmpeg_path"])
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        return ""
+    return str(imageio_ffmpeg.get_ffmpeg_exe())
 
 
 def _label(name: str, drawn: DrawnScene, errors: bool) -> str:
@@ -309,8 +320,8 @@ def _animation(drawn: DrawnScene, suffix: str) -> bytes:
 
     steps = [*range(1, WINDOW + 1), *[WINDOW] * (2 * FRAMES_PER_SECOND)]
     movie = animation.FuncAnimation(figure, draw, frames=steps, init_func=lambda: (), cache_frame_data=False)
-    writer = "pillow" if suffix == ".gif" else "ffmpeg"
-    with TemporaryDirectory() as folder:
+    writer, program = ("pillow", "") if suffix == ".gif" else ("ffmpeg", _ffmpeg())
+    with TemporaryDirectory() as folder, matplotlib.rc_context({"animation.ffmpeg_path": program}):
         path = Path(folder) / f"scene{suffix}"
         movie.save(path, writer=writer, fps=FRAMES_PER_SECOND)
         return path.read_bytes()

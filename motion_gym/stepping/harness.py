@@ -61,7 +61,7 @@ def selection_of(predictor: Any) -> str:
 def ready(predictor: str | Predictor, domain: Domain, seed: int = 0, later: Sequence[Domain] = ()) -> Predictor:
     """Make a predictor ready for a domain.
 
-    A predictor given by name or spec is made, and fitted to the domain's sources if it has ``fit`` and is not fitted.
+    A predictor that is named is constructed, and fitted to the domain's sources if ``is_fitted_here`` says so.
     A predictor with several sets of weights chooses one that has seen neither the domain nor the later ones. An oracle
     is shown the domain. Then the predictor is reset.
 
@@ -69,15 +69,12 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0, later: Sequ
         SpecError: The name is not known, or the domain names no sources to fit to.
     """
     instance = catalog.predictor(predictor)
-    unfitted = (
-        isinstance(predictor, (str, type)) and hasattr(instance, "fit") and not getattr(instance, "fitted", False)
-    )
-    if unfitted and getattr(instance, "fit_on_demand", True):
+    if is_fitted_here(predictor, instance):
         train, validation = training_set(domain)
-        guarded(instance, "fit", train, validation, seed)
-        if not hasattr(instance, "trained_on"):
+        if not getattr(instance, "trained_on", ()):
             with contextlib.suppress(AttributeError):  # its class may have slots
                 instance.trained_on = tuple(spec_of(source) for source in domain.sources())  # type: ignore[attr-defined]
+        guarded(instance, "fit", train, validation, seed)
     if hasattr(instance, "choose_weights"):
         guarded(instance, "choose_weights", [domain, *later])
     if hasattr(instance, "know"):
@@ -85,6 +82,18 @@ def ready(predictor: str | Predictor, domain: Domain, seed: int = 0, later: Sequ
     if hasattr(instance, "reset"):
         guarded(instance, "reset")
     return instance
+
+
+def is_fitted_here(predictor: str | Predictor, instance: Predictor) -> bool:
+    """Whether a predictor must be fitted before it is scored; an object is scored as it is.
+
+    Args:
+        predictor: A name, a spec or a class; or a predictor.
+        instance: The predictor that it stands for.
+    """
+    named = isinstance(predictor, (str, type))
+    unfitted = hasattr(instance, "fit") and not getattr(instance, "fitted", False)
+    return named and unfitted and bool(getattr(instance, "fit_on_demand", True))
 
 
 def copied(predictor: Any) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from motion_gym import catalog
-from motion_gym.contract import Domain, Forecast, Observation, SpecError, Truth
+from motion_gym.contract import Domain, Forecast, Observation, PredictorError, SpecError, Truth
 from motion_gym.predictors.settings import check_settings, name_of_settings
 from motion_gym.stepping.harness import ask, name_of, selection_of
 
@@ -44,7 +44,7 @@ class Around:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Check the wrapped predictor and set the initial state; called once, after the settings are checked."""
+        """Check the wrapped predictor and set the initial state; called by the constructor and by ``fit``."""
 
     @property
     def name(self) -> str:
@@ -61,6 +61,32 @@ class Around:
     def trained_on(self) -> tuple[str, ...]:
         """Names of the domains whose windows the weights were trained on."""
         return tuple(getattr(self.inner, "trained_on", ()))
+
+    @trained_on.setter
+    def trained_on(self, names: tuple[str, ...]) -> None:
+        self.inner.trained_on = names
+
+    @property
+    def fitted(self) -> bool:
+        """Whether the wrapped predictor can forecast."""
+        return getattr(self.inner, "fitted", True) is not False
+
+    @property
+    def fit_on_demand(self) -> bool:
+        """Whether the wrapped predictor is fitted when it is evaluated by name."""
+        return bool(getattr(self.inner, "fit_on_demand", True))
+
+    def fit(self, train: Sequence[Truth], validation: Sequence[Truth], seed: int = 0) -> Around:
+        """Fit the wrapped predictor, and begin anew.
+
+        Raises:
+            PredictorError: the wrapped predictor has no ``fit``.
+        """
+        if not hasattr(self.inner, "fit"):
+            raise PredictorError(f"{name_of(self.inner)} has no `fit`: it is used as it is.")
+        self.inner.fit(train, validation, seed)
+        self._prepare()
+        return self
 
     @property
     def selection(self) -> str:

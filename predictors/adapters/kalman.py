@@ -47,7 +47,7 @@ class Kalman(Adapter):
 
     Raises:
         SpecError: a setting is not allowed.
-        PredictorError: the predictor has no linear last layer, or is not fitted.
+        PredictorError: the predictor has no linear last layer.
     """
 
     ridge: float = setting(10.0, positive)
@@ -57,11 +57,6 @@ class Kalman(Adapter):
 
     def _prepare(self) -> None:
         super()._prepare()
-        if getattr(self.inner, "fitted", True) is False:
-            raise PredictorError(
-                f"{name_of(self.inner)} is not fitted: call its `fit(train, validation)` first, or adapt it by name on "
-                "a stream with `motion-gym adapt`."
-            )
         if self.needs_last_layer and not isinstance(self.inner, Linearised):
             raise PredictorError(
                 f"{name_of(self.inner)} has no linear last layer that can be replaced (`last_layer`): use linear, or "

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import motion_gym
 from motion_gym.contract import Recording, SpecError
@@ -102,16 +103,24 @@ def test_pictures_are_written(suffix, start, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [file.name]
 
 
-def test_an_animation_shows_the_steps_one_after_another(tmp_path):
-    file = tmp_path / "scene.gif"
+def movie_frames(file):
+    """The frames of an animation, each an RGB array."""
+    if file.suffix == ".gif":
+        with Image.open(file) as movie:
+            return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(movie)]
+    reader = imageio_ffmpeg.read_frames(file)
+    width, height = next(reader)["size"]
+    return [np.frombuffer(frame, np.uint8).reshape(height, width, 3) for frame in reader]
+
+
+@pytest.mark.parametrize("suffix", ["gif", "mp4"])
+def test_an_animation_shows_the_steps_one_after_another(suffix, tmp_path):
+    file = tmp_path / f"scene.{suffix}"
     motion_gym.show(Lanes(), "constant_velocity", out=file)
 
-    with Image.open(file) as movie:
-        assert movie.n_frames >= 20
-        images = []
-        for number in (0, 7, 19):
-            movie.seek(number)
-            images.append(np.asarray(movie.convert("L")))
+    frames = movie_frames(file)
+    assert len(frames) >= 20
+    images = [frames[number].mean(axis=2) for number in (0, 7, 19)]
     ink = [(image < 128).sum() for image in images]
     assert ink[0] < ink[2]
     assert not np.array_equal(images[1], images[2])

@@ -29,7 +29,6 @@ def crowd():
         ("ema_anchor", "linear", PredictorError, "`linear` is adapted by kalman"),
         ("ekf", "linear", PredictorError, "no weights that gradients reach"),
         ("kalman", "constant_velocity", PredictorError, "no linear last layer that can be replaced"),
-        ("kalman", "linear", PredictorError, "not fitted: call its `fit"),
         (
             "finetune:parts=style",
             STGAT,

@@ -9,8 +9,9 @@ import pytest
 
 import motion_gym as mg
 from motion_gym import catalog
-from motion_gym.contract import Forecast
+from motion_gym.contract import Forecast, PredictorError
 from motion_gym.data.windows import pick_scenes
+from motion_gym.stepping.harness import ready
 from motion_gym.stepping.snapshot import shared_arrays, snapshot
 from tests.predictors.adapters.adapting_scenes import PAIR, STGAT, learn, scenes_of
 from tests.taped import fitted_linear
@@ -157,3 +158,20 @@ def test_predictors_that_return_arrays_can_be_adapted(crowd, name):
         assert isinstance(adapter.predict(scene.observation), Forecast)
         adapter.observe(scene)
     assert adapter.predict(crowd.observation).positions.shape == (len(crowd.future), 1, 12, 2)
+
+
+@pytest.mark.parametrize("name", ["none", "kalman", "hedge"])
+def test_the_predictor_inside_an_adapter_is_fitted_to_the_sources_of_the_domain(name):
+    domain = mg.domain("orca:d=0.6,scenes=12")
+    linear = ready("linear", domain)
+    by_name = mg.evaluate_online(f"{name}:of=linear", domain)
+    by_object = mg.evaluate_online(mg.adapter(name, linear), domain)
+    assert by_name.ade.mean == by_object.ade.mean and by_name.leaks == by_object.leaks
+    assert ready(f"{name}:of=linear", domain).trained_on == linear.trained_on
+
+
+def test_a_wrapped_predictor_that_needs_no_training_is_not_trained():
+    adapter = mg.predictor("none:of=constant_velocity")
+    assert adapter.fitted
+    with pytest.raises(PredictorError, match="ConstantVelocity has no `fit`"):
+        adapter.fit([], [])
