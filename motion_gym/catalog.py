@@ -124,7 +124,7 @@ def load_class(target: str, kind: str = "object") -> type:
                 f"There is no module `{module_name}` for the {kind} `{target}`. Run from the folder that holds "
                 f"{module_name.split('.')[0]}.py, or install its package."
             ) from None
-        if missing in ("torch", "safetensors", "numba") and module_name.startswith("motion_gym."):
+        if missing in ("torch", "safetensors") and module_name.startswith("motion_gym."):
             raise SpecError(
                 f"The {kind} `{class_name}` needs PyTorch, and {missing} is not installed: "
                 'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'

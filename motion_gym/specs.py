@@ -7,7 +7,9 @@ comma, or that looks like a number, is quoted: ``module:Class:path='a,b.txt'``.
 from __future__ import annotations
 
 import ast
+import copy
 import difflib
+import functools
 import keyword
 import math
 import re
@@ -51,6 +53,12 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
     Raises:
         SpecError: a part that should be ``key=value`` is not, or a key is there twice.
     """
+    name, parameters = _parsed(spec)
+    return name, copy.deepcopy(parameters)
+
+
+@functools.lru_cache(maxsize=10_000)
+def _parsed(spec: str) -> tuple[str, dict[str, Any]]:
     head, *rest = spec.split(":")
     if rest and "=" not in rest[0]:
         head = f"{head}:{rest.pop(0)}"

@@ -1,125 +1,153 @@
-"""One step of ORCA for a batch of scenes: half-planes of allowed velocities, then velocities.
-
-The half-planes of a pair are computed once, because those of its two agents are mirror images. An agent takes its
-preferred velocity if all half-planes allow it. Only the other agents sort their neighbours and solve a linear program.
-"""
+"""A scene of ORCA, step by step: half-planes of allowed velocities, then velocities, then positions."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from motion_gym.envs.orca_engine.linear_program import least_violating, nearest
-from motion_gym.envs.orca_engine.vectors import HALF, ONE, TINY, cross, dot, put, select
+from motion_gym.envs.orca_engine.vectors import HALF, ONE, TINY, ZERO, cross, dot, loop
 
 
-class Crowd:
-    """A batch of scenes, in arrays (component, agent or pair or line, scene).
+@loop
+def play(start, goal, radius, rules, max_speed, steps, first, every, paths, infeasible):  # type: ignore[no-untyped-def]
+    """Simulate scenes one after another.
 
-    Scenes are the last axis, so that operations run over long contiguous rows, and agents and pairs are whole rows. A
-    line is the border of a half-plane of allowed velocities: a point, and a unit direction with the allowed velocities
-    on its left. A line with direction (0, 0) allows all velocities.
+    Args:
+        start: [S, N, 2] float64, metres.
+        goal: [S, N, 2] float64, metres.
+        radius: [S] float32, metres.
+        rules: (seconds per step, 1 / time horizon, square of the distance at which neighbours begin to count, maximum
+            speed), each float32, and the largest number of neighbours.
+        max_speed: The maximum speed in double precision.
+        steps: Number of steps.
+        first: Steps before the first frame.
+        every: Steps between frames.
+        paths: [S, F, N, 2] float64, filled with the positions at the frames.
+        infeasible: [S, N] int64, -1; set to the first step in which no velocity satisfied all half-planes of an agent.
     """
+    agents = start.shape[1]
+    position, velocity = np.empty((agents, 2), np.float32), np.empty((agents, 2), np.float32)
+    chosen, preferred = np.empty((agents, 2), np.float32), np.empty(2, np.float32)
+    point, direction = np.empty((agents, agents, 2), np.float32), np.empty((agents, agents, 2), np.float32)
+    square = np.empty((agents, agents), np.float32)
+    near, distance = np.empty(agents, np.int64), np.empty(agents, np.float32)
+    work = np.empty((4, agents, 2), np.float32)
+    for scene in range(len(start)):
+        for agent in range(agents):
+            for axis in range(2):
+                position[agent, axis], velocity[agent, axis] = np.float32(start[scene, agent, axis]), ZERO
+        for step in range(steps):
+            half_planes(position, velocity, radius[scene], rules, point, direction, square)
+            for agent in range(agents):
+                prefer(goal[scene, agent], position[agent], max_speed, rules[3], preferred, chosen[agent])
+                count = nearest_neighbors(agent, square, rules, near, distance)
+                allowed = avoid(agent, point, direction, near, count, preferred, chosen[agent], rules[3], work)
+                if not allowed and infeasible[scene, agent] < 0:
+                    infeasible[scene, agent] = step
+            kept = step + 1 >= first and (step + 1 - first) % every == 0
+            for agent in range(agents):
+                for axis in range(2):
+                    velocity[agent, axis] = chosen[agent, axis]
+                    position[agent, axis] += chosen[agent, axis] * rules[0]
+                    if kept:
+                        paths[scene, (step + 1 - first) // every, agent, axis] = position[agent, axis]
 
-    def __init__(
-        self,
-        start,
-        goal,
-        radius,
-        *,
-        time_step,
-        time_horizon,
-        neighbor_distance,
-        max_neighbors,
-        max_speed,
-    ):
-        """Set the initial state from ``start`` and ``goal`` [S, N, 2] and ``radius`` [S]."""
-        start, self.goal = (np.array(array.transpose(2, 1, 0), order="C") for array in (start, goal))
-        self.position = start.astype(np.float32)
-        self.velocity = np.zeros_like(self.position)
-        self.reach = radius.astype(np.float32) + radius.astype(np.float32)
-        self.time_step, self.max_speed, self.top_speed = np.float32(time_step), max_speed, np.float32(max_speed)
-        self.rate, self.touching_rate = 1 / np.float32(time_horizon), 1 / self.time_step
-        self.range = np.float32(neighbor_distance) * np.float32(neighbor_distance)
-        self.max_neighbors = max_neighbors
 
-        agents = start.shape[1]
-        self.one, self.other = np.triu_indices(agents, 1)
-        pairs = len(self.one)
-        # Pair p has two lines: p of its first agent and pairs + p of the second.
-        self.owner = np.concatenate([self.one, self.other])
-        line = np.zeros((agents, agents), np.intp)
-        line[self.one, self.other] = np.arange(pairs)
-        line[self.other, self.one] = np.arange(pairs) + pairs
-        self.lines = line[~np.eye(agents, dtype=bool)].reshape(agents, max(agents - 1, 0))
+@loop
+def prefer(goal, position, max_speed, top_speed, preferred, chosen):  # type: ignore[no-untyped-def]
+    """Fill in the preferred velocity [2], straight to the goal and slower near it, and a copy with a limited speed."""
+    # An input of RVO2, which its caller computes in double precision.
+    x, y = goal[0] - position[0], goal[1] - position[1]
+    slower = max(math.sqrt(x * x + y * y) / max_speed, 1.0)
+    preferred[0], preferred[1] = np.float32(x / slower), np.float32(y / slower)
+    square = dot(preferred[0], preferred[1], preferred[0], preferred[1])
+    chosen[0], chosen[1] = preferred[0], preferred[1]
+    if square > top_speed * top_speed:
+        rate = ONE / np.float32(math.sqrt(square))
+        chosen[0], chosen[1] = preferred[0] * rate * top_speed, preferred[1] * rate * top_speed
 
-    def step(self) -> tuple[np.ndarray, np.ndarray]:
-        """Move all agents by one time step; return agent and scene of every infeasible linear program."""
-        # Preferred velocities are an input of RVO2, which its caller computes in double precision.
-        preferred = self.goal - self.position
-        preferred /= np.maximum(np.sqrt(dot(preferred, preferred)) / self.max_speed, 1.0)
-        preferred = preferred.astype(np.float32)
-        square, limit = dot(preferred, preferred), self.top_speed * self.top_speed
-        slowed = preferred * (ONE / np.sqrt(np.maximum(square, limit))) * self.top_speed
-        velocity = select(square > limit, slowed, preferred)
-        infeasible = self._avoid(preferred, velocity)
-        self.velocity = velocity
-        self.position += velocity * self.time_step
-        return infeasible
 
-    def _avoid(self, preferred: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Replace velocities that the half-planes do not allow, in place."""
-        point, direction, square = self._half_planes()
-        broken = cross(direction, point - velocity[:, self.owner]) > 0
-        blocked = np.flatnonzero(broken[self.lines].any(axis=1))
-        agent, scene = np.divmod(blocked, square.shape[1])
-        if not len(blocked):
-            return agent, scene
+@loop
+def half_planes(position, velocity, radius, rules, point, direction, square):  # type: ignore[no-untyped-def]
+    """Fill in the half-planes of every pair (section 4 of the paper); those of its two agents are mirror images.
 
-        place = self.lines[agent].T * square.shape[1] + scene
-        if len(place) > 1:
-            distance = square.ravel()[(place % square.size).T]
-            order = np.argsort(distance, axis=1, kind="stable")[:, : self.max_neighbors]
-            place = np.take_along_axis(place, order.T, axis=0)
-        point, direction = (np.take(lines.reshape(2, -1), place, axis=1) for lines in (point, direction))
-        direction *= np.take(square, place % square.size) < self.range
+    Args:
+        position: [N, 2] metres.
+        velocity: [N, 2] m/s.
+        radius: Radius of the agents, metres.
+        rules: See ``play``.
+        point: [N, N, 2] a point on the border of the half-plane of an agent (first index) because of another.
+        direction: [N, N, 2] the unit direction of the border, with the allowed velocities on its left.
+        square: [N, N] squared distances.
+    """
+    reach = radius + radius
+    reach_square = reach * reach
+    for one in range(len(position)):
+        for other in range(one + 1, len(position)):
+            x, y = position[other, 0] - position[one, 0], position[other, 1] - position[one, 1]
+            fast_x, fast_y = velocity[one, 0] - velocity[other, 0], velocity[one, 1] - velocity[other, 1]
+            apart = dot(x, y, x, y)
+            touching = apart <= reach_square
+            rate = ONE / rules[0] if touching else rules[1]
 
-        velocity, preferred = velocity.reshape(2, -1), np.take(preferred.reshape(2, -1), blocked, axis=1)
-        chosen, failed = nearest(point, direction, np.take(velocity, blocked, axis=1), preferred, self.top_speed)
-        bad = np.flatnonzero(failed < len(place))
-        if len(bad):
-            point, direction = np.take(point, bad, axis=2), np.take(direction, bad, axis=2)
-            put(chosen, bad, least_violating(point, direction, chosen[:, bad], failed[bad], self.top_speed))
-        put(velocity, blocked, chosen)
-        return agent[bad], scene[bad]
+            # w points from the centre of the cut-off circle to the relative velocity.
+            w_x, w_y = fast_x - rate * x, fast_y - rate * y
+            w_square, along = dot(w_x, w_y, w_x, w_y), dot(w_x, w_y, x, y)
+            if touching or (along < ZERO and along * along > reach_square * w_square):
+                length = np.float32(math.sqrt(w_square))
+                unit = ONE / max(length, TINY)
+                way_x, way_y = w_y * unit, -(w_x * unit)
+                size = reach * rate - length
+                change_x, change_y = size * (w_x * unit), size * (w_y * unit)
+            else:
+                # The left leg if w points left of the line between the agents; otherwise the right leg.
+                leg = np.float32(math.sqrt(max(apart - reach_square, ZERO)))
+                if cross(x, y, w_x, w_y) <= ZERO:
+                    leg = -leg
+                unit = ONE / max(apart, TINY)
+                way_x, way_y = (x * leg - y * reach) * unit, (x * reach + y * leg) * unit
+                size = dot(fast_x, fast_y, way_x, way_y)
+                change_x, change_y = size * way_x - fast_x, size * way_y - fast_y
+            change_x, change_y = change_x * HALF, change_y * HALF
+            point[one, other, 0], point[one, other, 1] = velocity[one, 0] + change_x, velocity[one, 1] + change_y
+            point[other, one, 0], point[other, one, 1] = velocity[other, 0] - change_x, velocity[other, 1] - change_y
+            direction[one, other, 0], direction[one, other, 1] = way_x, way_y
+            direction[other, one, 0], direction[other, one, 1] = -way_x, -way_y
+            square[one, other] = square[other, one] = apart
 
-    def _half_planes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Compute the lines of every pair (section 4 of the paper).
 
-        Returns:
-            Points and directions of the lines, [2, 2 P, S] each; squared distances of the pairs, [P, S].
-        """
-        one, other = self.velocity[:, self.one], self.velocity[:, self.other]
-        between = self.position[:, self.other] - self.position[:, self.one]
-        relative = one - other
-        square, reach, reach_square = dot(between, between), self.reach, self.reach * self.reach
-        touching = square <= reach_square
-        rate = select(touching, self.touching_rate, self.rate) if touching.any() else self.rate
+@loop
+def nearest_neighbors(agent, square, rules, near, distance):  # type: ignore[no-untyped-def]
+    """Fill in the neighbors within range, nearest first, and their squared distances; return their number."""
+    count = 0
+    for other in range(len(square)):
+        apart = square[agent, other]
+        if other == agent or apart >= rules[2] or (count == rules[4] and apart >= distance[count - 1]):
+            continue
+        at = count if count < rules[4] else count - 1
+        while at > 0 and distance[at - 1] > apart:
+            near[at], distance[at] = near[at - 1], distance[at - 1]
+            at -= 1
+        near[at], distance[at] = other, apart
+        count = min(count + 1, rules[4])
+    return count
 
-        # w points from the centre of the cut-off circle to the relative velocity.
-        w = relative - rate * between
-        w_square, along = dot(w, w), dot(w, between)
-        circle = (along < 0) & (along * along > reach_square * w_square) | touching
 
-        # The left leg if w points left of the line between the agents; otherwise, also straight ahead, the right leg.
-        leg = np.sqrt(np.maximum(square - reach_square, 0))
-        leg = select(cross(between, w) > 0, leg, -leg)
-        toward = np.stack([between[0] * leg - between[1] * reach, between[0] * reach + between[1] * leg])
-        toward *= ONE / np.maximum(square, TINY)
-        change = dot(relative, toward) * toward - relative
+@loop
+def avoid(agent, point, direction, near, count, preferred, chosen, speed, work):  # type: ignore[no-untyped-def]
+    """Replace a chosen velocity [2] by the allowed one that is nearest to the preferred one.
 
-        length = np.sqrt(w_square)
-        outward = w * (ONE / np.maximum(length, TINY))
-        toward = select(circle, np.stack([outward[1], -outward[0]]), toward)
-        change = select(circle, (reach * rate - length) * outward, change)
-        change *= HALF
-        return np.hstack([one + change, other - change]), np.hstack([toward, -toward]), square
+    Returns:
+        Whether a velocity satisfies all half-planes; if none does, the one that violates them least is chosen.
+    """
+    points, directions = work[0], work[1]
+    for place in range(count):
+        for axis in range(2):
+            points[place, axis] = point[agent, near[place], axis]
+            directions[place, axis] = direction[agent, near[place], axis]
+    failed = nearest(points, directions, count, chosen, preferred, speed, False)
+    if failed < count:
+        least_violating(points, directions, count, chosen, failed, speed, work[2:])
+    return failed == count

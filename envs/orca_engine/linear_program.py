@@ -1,101 +1,112 @@
-"""The linear programs of ORCA: the allowed velocity nearest to the preferred one, for many agents at once."""
+"""The linear programs of ORCA: the allowed velocity of an agent that is nearest to its preferred one."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from motion_gym.envs.orca_engine.vectors import HALF, ONE, TINY, cross, dot, put, select
+from motion_gym.envs.orca_engine.vectors import HALF, ONE, ZERO, cross, dot, loop
 
 PARALLEL = np.float32(1e-5)
 """Lines are parallel if their unit directions span at most this area, as in RVO2."""
-FAR = np.float32(1e30)
 
 
-def nearest(point, direction, velocity, target, speed, along=False):
-    """Solve M linear programs in the plane, of L half-planes and a circle each.
+@loop
+def nearest(point, direction, count, velocity, target, speed, along):
+    """Solve a linear program in the plane, of some half-planes and a circle.
 
     Incremental, as in section 5 of the paper: half-planes are added one by one. If a half-plane excludes the best
     velocity so far, the new best velocity lies on its border.
 
     Args:
-        point: [2, L, M] a point on each border.
-        direction: [2, L, M] its direction.
-        velocity: [2, M] the best velocity inside the circle alone; modified in place.
-        target: [2, M] the velocity to approach; with ``along`` a unit vector, the direction to maximise.
+        point: [L, 2] float32, a point on the border of each half-plane.
+        direction: [L, 2] its unit direction, with the allowed velocities on its left.
+        count: Number of half-planes, at most L.
+        velocity: [2] the best velocity inside the circle alone; modified in place.
+        target: [2] the velocity to approach; with ``along`` a unit vector, the direction to maximise.
         speed: Radius of the circle.
         along: Whether ``target`` is a direction.
 
     Returns:
-        Velocity [2, M], and [M] the first half-plane that could not be satisfied, or L. In the first case the velocity
-        is the best one without this half-plane.
+        The first half-plane that could not be satisfied, or ``count``. In the first case the velocity is the best one
+        without this half-plane.
     """
-    count = point.shape[1]
-    failed = np.full(point.shape[2], count)
     for last in range(count):
-        broken = cross(direction[:, last], point[:, last] - velocity) > 0
-        active = np.flatnonzero(broken & (failed == count))
-        if not len(active):
+        base_x, base_y = point[last, 0], point[last, 1]
+        way_x, way_y = direction[last, 0], direction[last, 1]
+        if cross(way_x, way_y, base_x - velocity[0], base_y - velocity[1]) <= ZERO:
             continue
         # The border is base + t * way; the circle and the earlier half-planes restrict t to [left, right].
-        base, way, goal = (np.take(a, active, axis=1) for a in (point[:, last], direction[:, last], target))
-        middle = dot(base, way)
-        room = middle * middle + speed * speed - dot(base, base)
-        half = np.sqrt(np.maximum(room, 0))
-        left, right, possible = -middle - half, half - middle, room >= 0
-        if last:
-            ways = np.take(direction[:, :last], active, axis=2)
-            area = cross(way[:, None], ways)
-            slack = cross(ways, base[:, None] - np.take(point[:, :last], active, axis=2))
-            parallel = np.abs(area) <= PARALLEL
-            t = slack / (area + parallel)
-            right = np.minimum(right, (t + np.multiply(area <= PARALLEL, FAR, dtype=np.float32)).min(axis=0))
-            left = np.maximum(left, (t - np.multiply(area >= -PARALLEL, FAR, dtype=np.float32)).max(axis=0))
-            possible &= (left <= right) & ~(parallel & (slack < 0)).any(axis=0)
+        middle = dot(base_x, base_y, way_x, way_y)
+        room = middle * middle + speed * speed - dot(base_x, base_y, base_x, base_y)
+        if room < ZERO:
+            return last
+        half = np.float32(math.sqrt(room))
+        left, right = -middle - half, half - middle
+        for earlier in range(last):
+            area = cross(way_x, way_y, direction[earlier, 0], direction[earlier, 1])
+            slack = cross(
+                direction[earlier, 0], direction[earlier, 1], base_x - point[earlier, 0], base_y - point[earlier, 1]
+            )
+            if abs(area) <= PARALLEL:
+                if slack < ZERO:
+                    return last
+            elif area >= ZERO:
+                right = min(right, slack / area)
+            else:
+                left = max(left, slack / area)
+            if left > right:
+                return last
         if along:
-            t = select(dot(goal, way) > 0, right, left)
+            t = right if dot(target[0], target[1], way_x, way_y) > ZERO else left
         else:
-            t = np.minimum(np.maximum(dot(way, goal - base), left), right)
-        best = base + t * way
-        if not possible.all():
-            failed[active[~possible]] = last
-            active, best = active[possible], np.compress(possible, best, axis=1)
-        put(velocity, active, best)
-    return velocity, failed
+            t = min(max(dot(way_x, way_y, target[0] - base_x, target[1] - base_y), left), right)
+        velocity[0], velocity[1] = base_x + t * way_x, base_y + t * way_y
+    return count
 
 
-def least_violating(point, direction, velocity, failed, speed):
-    """Find the velocities that violate the half-planes of infeasible programs least (section 5.3 of the paper).
+@loop
+def least_violating(point, direction, count, velocity, failed, speed, work):
+    """Find the velocity that violates the half-planes of an infeasible program least (section 5.3 of the paper).
 
     Args:
-        point: [2, L, M] a point on each border.
-        direction: [2, L, M] its direction.
-        velocity: [2, M] the best velocities without the half-plane that could not be satisfied; modified in place.
-        failed: [M] this half-plane.
+        point: See ``nearest``.
+        direction: See ``nearest``.
+        count: See ``nearest``.
+        velocity: [2] the best velocity without the half-plane that could not be satisfied; modified in place.
+        failed: This half-plane.
         speed: Radius of the circle.
-
-    Returns:
-        [2, M] velocities.
+        work: [2, L, 2] float32, memory for half-planes.
     """
-    worst = np.zeros(point.shape[2], np.float32)
-    for last in range(failed.min(), point.shape[1]):
-        violation = cross(direction[:, last], point[:, last] - velocity)
-        active = np.flatnonzero((violation > worst) & (failed <= last))
-        if not len(active):
+    meets, bisectors = work[0], work[1]
+    better, inward = np.empty(2, np.float32), np.empty(2, np.float32)
+    worst = ZERO
+    for last in range(failed, count):
+        base_x, base_y = point[last, 0], point[last, 1]
+        way_x, way_y = direction[last, 0], direction[last, 1]
+        if cross(way_x, way_y, base_x - velocity[0], base_y - velocity[1]) <= worst:
             continue
         # The velocities that violate an earlier half-plane less than this one are a half-plane bounded by the bisector.
-        base, way = (np.take(a[:, last : last + 1], active, axis=2) for a in (point, direction))
-        bases, ways = (np.take(a[:, :last], active, axis=2) for a in (point, direction))
-        area = cross(way, ways)
-        parallel = np.abs(area) <= PARALLEL
-        meet = base + cross(ways, base - bases) / (area + parallel) * way
-        meet = select(parallel, HALF * (base + bases), meet)
-        bisector = ways - way
-        bisector *= ONE / np.maximum(np.sqrt(dot(bisector, bisector)), TINY)
-        bisector *= ~(parallel & (dot(way, ways) > 0))
-        inward = np.stack([-way[1, 0], way[0, 0]])
-        better, stopped = nearest(meet, bisector, inward * speed, inward, speed, along=True)
+        used = 0
+        for earlier in range(last):
+            x, y = point[earlier, 0], point[earlier, 1]
+            other_x, other_y = direction[earlier, 0], direction[earlier, 1]
+            area = cross(way_x, way_y, other_x, other_y)
+            if abs(area) <= PARALLEL:
+                if dot(way_x, way_y, other_x, other_y) > ZERO:
+                    continue
+                meets[used, 0], meets[used, 1] = HALF * (base_x + x), HALF * (base_y + y)
+            else:
+                t = cross(other_x, other_y, base_x - x, base_y - y) / area
+                meets[used, 0], meets[used, 1] = base_x + t * way_x, base_y + t * way_y
+            turn_x, turn_y = other_x - way_x, other_y - way_y
+            rate = ONE / np.float32(math.sqrt(dot(turn_x, turn_y, turn_x, turn_y)))
+            bisectors[used, 0], bisectors[used, 1] = turn_x * rate, turn_y * rate
+            used += 1
+        inward[0], inward[1] = -way_y, way_x
+        better[0], better[1] = inward[0] * speed, inward[1] * speed
         # Feasible by definition; where rounding makes it infeasible, the velocity is unchanged.
-        met = stopped == last
-        put(velocity, active[met], np.compress(met, better, axis=1))
-        worst[active] = cross(way[:, 0], base[:, 0] - np.take(velocity, active, axis=1))
-    return velocity
+        if nearest(meets, bisectors, used, better, inward, speed, True) == used:
+            velocity[0], velocity[1] = better[0], better[1]
+        worst = cross(way_x, way_y, base_x - velocity[0], base_y - velocity[1])

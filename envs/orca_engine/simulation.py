@@ -7,10 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motion_gym.contract import ORIGIN_GRID
-from motion_gym.envs.orca_engine.crowd import Crowd
 
-CHUNK = 65536
-"""Pairs of agents per batch: large, because each numpy call has a cost, but small enough for the cache."""
 ENGINE_VERSION = 1
 """Raise this number when results change, so that cached scenes of an older engine are not used."""
 
@@ -66,32 +63,23 @@ def simulate(
     Returns:
         Simulation with ``1 + (steps - first) // every`` frames.
     """
+    from motion_gym.envs.orca_engine.crowd import play  # numba takes half a second to import
+
     first = every if first is None else first
     start, goal = np.asarray(start, float), np.asarray(goal, float)
     origin = np.round(start[:, :1] / ORIGIN_GRID) * ORIGIN_GRID
-    start, goal = start - origin, goal - origin
+    start, goal = np.ascontiguousarray(start - origin), np.ascontiguousarray(goal - origin)
     radius = np.broadcast_to(radius, start.shape[:1])
 
-    positions = np.empty((len(start), 1 + (steps - first) // every, *start.shape[1:]))
+    paths = np.empty((len(start), 1 + (steps - first) // every, *start.shape[1:]))
     infeasible = np.full(start.shape[:2], -1)
-    size = max(1, CHUNK // max(1, start.shape[1] * (start.shape[1] - 1) // 2))
-    for begin in range(0, len(start), size):
-        part = slice(begin, begin + size)
-        crowd = Crowd(
-            start[part],
-            goal[part],
-            radius[part],
-            time_step=time_step,
-            time_horizon=time_horizon,
-            neighbor_distance=neighbor_distance,
-            max_neighbors=max_neighbors,
-            max_speed=max_speed,
-        )
-        for step in range(steps):
-            agent, scene = crowd.step()
-            new = infeasible[begin + scene, agent] < 0
-            infeasible[begin + scene[new], agent[new]] = step
-            frame, between = divmod(step + 1 - first, every)
-            if frame >= 0 and not between:
-                positions[part, frame] = crowd.position.transpose(2, 1, 0)
-    return Simulation(positions + origin[:, None], infeasible)
+    single = np.float32
+    rules = (
+        single(time_step),
+        single(1) / single(time_horizon),
+        single(neighbor_distance) * single(neighbor_distance),
+        single(max_speed),
+        max_neighbors,
+    )
+    play(start, goal, radius.astype(single), rules, float(max_speed), steps, first, every, paths, infeasible)
+    return Simulation(paths + origin[:, None], infeasible)

@@ -1,28 +1,25 @@
-"""Operations on float32 arrays with x and y as the first axis."""
+"""Operations on vectors in the plane, and how the loops of the engine are compiled."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numba import njit
 
-ONE, HALF, TINY = np.float32(1), np.float32(0.5), np.float32(1e-30)
+ZERO, HALF, ONE, TINY = np.float32(0), np.float32(0.5), np.float32(1), np.float32(1e-30)
 
-
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar product along the first axis."""
-    return a[0] * b[0] + a[1] * b[1]
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Signed area along the first axis."""
-    return a[0] * b[1] - a[1] * b[0]
+# Without fastmath no operation is reordered or fused.
+loop: Any = njit(cache=True, nogil=True, error_model="numpy")
 
 
-def select(mask: np.ndarray, yes: np.ndarray, no: np.ndarray) -> np.ndarray:
-    """``numpy.where`` for finite numbers, without branches: several times faster."""
-    mask = mask.astype(np.float32)
-    return yes * mask + no * (ONE - mask)
+@loop
+def dot(ax, ay, bx, by):  # type: ignore[no-untyped-def]
+    """Scalar product of a and b."""
+    return ax * bx + ay * by
 
 
-def put(array: np.ndarray, place: np.ndarray, value: np.ndarray) -> None:
-    """``array[:, place] = value`` row by row, which is several times faster."""
-    array[0][place], array[1][place] = value
+@loop
+def cross(ax, ay, bx, by):  # type: ignore[no-untyped-def]
+    """Signed area spanned by a and b."""
+    return ax * by - ay * bx
