@@ -29,7 +29,7 @@ demo: $(VENV)/.installed
 
 # Two tests side by side, each with one thread of torch: more would wait for each other.
 test: $(VENV)/.ready
-	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 $(ARGS)
+	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 # Learning libraries and Ray, in environments that also see the packages of .venv: RLlib needs an older Gymnasium.
 CLIENTS := $(VENV)-clients

@@ -64,7 +64,7 @@ def test_every_example_is_tested():
         "heat_map.py",
         "new_style.py",
         "own_adapter.py",
-        "own_checkpoint.py",
+        "own_checkpoint.py",  # tests/test_tutorials.py
         "own_domain.py",
         "own_predictor.py",
         "pettingzoo_loop.py",
@@ -113,17 +113,6 @@ def test_own_domain(folder):
     assert out == python(folder, "own_domain.py", path)
     scores = motion_gym(folder, written_command("own_domain.py").replace("FILE", path))
     assert re.search(r"constant_velocity +\.452 ", scores) and "210 agent-windows of 10 agents" in scores
-
-
-def test_own_checkpoint(folder):
-    pytest.importorskip("torch")
-    out = python(folder, "own_checkpoint.py", "walk.pt")
-    own, plain = (float(*found(rf"^{name}.* ADE (\d\.\d+) \[", out)) for name in ("Walk", "constant_velocity"))
-    assert own < plain and "in a fresh process" in out
-    scores = motion_gym(folder, written_command("own_checkpoint.py") + ",scenes=100")
-    assert re.search(r"own_checkpoint:Walk:path=walk.pt +\.\d{3}", scores) and "nothing was selected" in " ".join(
-        scores.split()
-    )
 
 
 def test_new_style(folder):

@@ -54,7 +54,7 @@ def test_no_domain_leaks(domain, clock, data):
 @pytest.mark.parametrize("predictor", [name for name in catalog.PREDICTORS if name not in ORACLES])
 def test_no_predictor_leaks(predictor, clock):
     needs_weights(predictor)
-    report = leak_probe(predictor, CrowdWithSigma(scenes=16 if clock == "windows" else 8), clock=clock)
+    report = leak_probe(predictor, CrowdWithSigma(scenes=16 if clock == "windows" else 5), clock=clock, cuts=2)
     assert_nothing_leaks(report)
     assert not report.oracles
 
