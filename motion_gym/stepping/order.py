@@ -53,8 +53,13 @@ def first_scenes(options: Mapping[str, Any] | None, scenes: int, copies: int) ->
     """[copies] numbers of the scenes of a vector environment; ``options`` names one for all, or one for each.
 
     Raises:
-        SpecError: there is no such scene, or there are not as many numbers as copies.
+        SpecError: there is no such scene, there are not as many numbers as copies, or a mask chooses the copies.
     """
+    if isinstance(options, Mapping) and "reset_mask" in options:
+        raise SpecError(
+            "`reset_mask` is not known here: each environment that has ended is reset by the next step, and reset() "
+            "resets all of them. Leave it out."
+        )
     chosen = _chosen(options)
     if chosen is None:
         return None

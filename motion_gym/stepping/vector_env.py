@@ -83,10 +83,19 @@ class WindowVectorEnv(VectorEnv):
                 episodes with ``order="shuffled"``.
             options: ``{"scene": n}`` or ``{"scene": [n, ...]}``, one number for each sub-environment: it begins with
                 window n and goes on from there in the order of the episode.
+
+        Raises:
+            SpecError: A scene or a seed is not allowed, or there are not as many as sub-environments.
         """
         windows = len(self.order)
         scenes = first_scenes(options, windows, self.num_envs)
-        seeds = [s for s in (seed if isinstance(seed, (list, tuple)) else [seed]) if s is not None]
+        several = isinstance(seed, (list, tuple, np.ndarray))
+        listed = list(seed) if several else [seed]  # type: ignore[arg-type]
+        if several and len(listed) != self.num_envs:
+            raise SpecError(
+                f"`seed` has {len(listed)} values: give one, or one for each of {self.num_envs} environments."
+            )
+        seeds = [catalog.whole_number("seed", s, 0, 2**63 - 1) for s in listed if s is not None]
         if seeds:
             self._np_random, self._np_random_seed = np.random.default_rng(seeds), seeds[0]
         self.order = order_of(windows, self._ordered, self.np_random)
