@@ -21,7 +21,8 @@ from motion_gym.data.column_names import FLAGS, plain_name
 from motion_gym.data.domains import spec_of
 from motion_gym.data.storage import digest
 from motion_gym.data.tables import Table
-from motion_gym.data.track_files import TrackFile, units_in_headers, usual_frames
+from motion_gym.data.track_columns import unknown_unit
+from motion_gym.data.track_files import METRES, TrackFile, units_in_headers, usual_frames
 from motion_gym.data.windows import counts
 from motion_gym.scoring.cards import is_shipped
 
@@ -213,8 +214,15 @@ def _of_files(files: Sequence[TrackFile]) -> list[Finding]:
 
 
 def _other_unit(files: Sequence[TrackFile]) -> str:
-    """A warning if a header says another unit than was read, or the headers of several files differ."""
+    """A warning if a header says another unit than was read or an unknown one, or the headers of files differ."""
     read = files[0].reading.unit
+    columns = [(t, column) for f in files for t, p in zip(f.tables, f.places, strict=True) for column in (p.x, p.y)]
+    unknown = sorted(filter(None, {unknown_unit(table, column) for table, column in columns}))
+    if unknown and files[0].reading.scale is None:
+        return (
+            f"The header says {unknown[0]}, which is no known unit ({', '.join(METRES)}), and unit={read} was read: if "
+            f"it is a unit, say scale=, the metres of one {unknown[0]}."
+        )
     said = [(unit, table) for file in files for unit, table in zip(units_in_headers(file), file.tables, strict=True)]
     other = next(((unit, table) for unit, table in said if unit and unit != read), None)
     if other is None and len({unit for unit, _ in said}) < 2:

@@ -51,6 +51,12 @@ def length_unit(table: Table, column: int) -> str | None:
     return LENGTHS.get(plain_name(table.names[column])[1]) if table.names else None
 
 
+def unknown_unit(table: Table, column: int) -> str:
+    """What a column's name says in the place of a unit, if it is no unit of length that is known; else empty."""
+    word = plain_name(table.names[column])[1] if table.names else ""
+    return "" if word in LENGTHS else word
+
+
 def parse_columns(columns: Any) -> tuple[str | int, ...]:
     """The parameter ``columns`` as names and numbers.
 
