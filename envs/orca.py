@@ -19,8 +19,8 @@ SOURCE_STYLES = (0.1, 0.3, 0.5)
 LEAST = 1e-3
 """Smallest d, radius, horizon and speed, because the engine uses float32."""
 TIME_STEP = 0.02
-FIRST, EVERY, STEPS = 19, 20, 399
-"""Steps before the first frame, between frames, and in total. Frames are 0.4 s apart, and agents rest for the first
+FIRST, EVERY = 19, 20
+"""Steps before the first frame, and between frames. Frames are 0.4 s apart, and agents rest for the first
 0.02 s of the 8 s: the starts and dropped scenes of the released data fit no other offset."""
 ARRIVED = 1.0 - TIME_STEP
 """Metres per m/s of speed: a scene is dropped if an agent is this near its goal at the last frame (it was then within
@@ -139,8 +139,8 @@ class Orca(RecordedDomain):
             )
         return {"positions": simulation.positions[keep].astype(np.float32)}  # exact: the origin is zero here
 
-    def simulate(self, start: np.ndarray):
-        """Simulate the 20 frames of scenes with starts [S, N, 2] and opposite goals; returns a ``Simulation``."""
+    def simulate(self, start: np.ndarray, frames: int = WINDOW):
+        """Simulate the first frames of scenes with starts [S, N, 2] and opposite goals; returns a ``Simulation``."""
         return simulate(
             start,
             -start,
@@ -150,7 +150,7 @@ class Orca(RecordedDomain):
             time_step=TIME_STEP,
             first=FIRST,
             every=EVERY,
-            steps=STEPS,
+            steps=FIRST + EVERY * (frames - 1),
         )
 
     def _starts(self, rng: np.random.Generator, scenes: int) -> np.ndarray:

@@ -38,7 +38,7 @@ SETTINGS = {
     "ego_erm": (1, "weights=None, seed=None"),
     "ego_modular": (1, "weights=None, seed=None"),
     "heatmap": (1, "weights=None, seed=None"),
-    "orca_oracle": (1, ""),
+    "orca_oracle": (2, ""),
     "constant_acceleration": (1, "steps=4"),
     "constant_turn": (1, "steps=4, slowest=0.3"),
     "idm_oracle": (1, ""),

@@ -102,7 +102,7 @@ CROWD = Benchmark(
             ("erm_no_sigma", "modular_stgat"),
             "style/crowd",
             ",agents=10,scenes=1000",
-            (*FILTERS, "linear"),
+            (*FILTERS, "linear", "orca_oracle"),
             references=REFERENCES,
             samples=1,
         ),
