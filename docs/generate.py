@@ -18,6 +18,7 @@ from typing import Any
 import motion_gym
 from motion_gym import catalog, contract
 from motion_gym.benchmarks.objects import Benchmark
+from motion_gym.benchmarks.page import page, scenes
 from motion_gym.benchmarks.running import BENCHMARKS, benchmark
 from motion_gym.benchmarks.store import SHIPPED
 from motion_gym.metrics.errors import METRICS
@@ -28,6 +29,8 @@ AT_THE_ROOT = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "c
 """Pages of the site that are files at the root of the repository."""
 AS_THEY_ARE = (".md", ".svg")
 """Endings of linked files outside docs that are pages or pictures; others become pages that show the file."""
+RESULTS_PAGE = "motion-gym-results.html"
+"""The results page, as ``motion-gym report`` writes it."""
 PICTURES = {
     "orca": ("orca:agents=10,d=0.5,scenes=50", "constant_velocity"),
     "highway": ("highway:scenario=roundabout,runs=1", "constant_velocity"),
@@ -59,7 +62,7 @@ def pages() -> dict[str, str]:
 
 
 def on_config(config: Any) -> Any:
-    """Put the reference into the navigation, where mkdocs.yml has ``Reference``."""
+    """Put the reference into the navigation, where mkdocs.yml has ``Reference``, and the results page."""
     nested: dict[str, Any] = {}
     for path in pages():
         kind, _, name = path.removeprefix("reference/").partition("/")
@@ -70,6 +73,8 @@ def on_config(config: Any) -> Any:
     for entry in config.nav:
         if "Reference" in entry:
             entry["Reference"] = [{title: below} for title, below in nested.items()]
+        if "Results" in entry:
+            entry["Results"].append({"Open the results page": RESULTS_PAGE})
     return config
 
 
@@ -88,6 +93,8 @@ def on_files(files: Any, config: Any) -> Any:
         drawn = Path(tempfile.mkdtemp()) / f"{name}.svg"
         motion_gym.show(spec, predictor, out=drawn)
         add(f"reference/domains/{name}.svg", content=drawn.read_bytes())
+    page.write(results := Path(tempfile.mkdtemp()) / RESULTS_PAGE, None, scenes.read(None))
+    add(RESULTS_PAGE, content=results.read_bytes())
     for path in sorted(_outside() - set(map(Path, AT_THE_ROOT.values()))):
         if path.suffix in AS_THEY_ARE:
             add(str(path), abs_src_path=str(ROOT / path))
