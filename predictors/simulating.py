@@ -24,9 +24,9 @@ class Simulating:
         Raises:
             PredictorError: the oracle cannot simulate this domain.
         """
-        name, what, where = self.knows
+        name, described, where = self.knows
         if domain.card.name != name:
-            raise PredictorError(f"{self.kind} knows {what} only, not `{domain.card.name}`: score it on {where}.")
+            raise PredictorError(f"{self.kind} knows {described} only, not `{domain.card.name}`: score it on {where}.")
         self._domain = domain
 
     def known(self) -> Any:

@@ -184,10 +184,10 @@ def _score_external(predictor: str, place: str, options: Mapping[str, Any], fing
     Raises:
         SpecError: there is no checkout of it, or the checkout has other weights.
     """
-    found = getattr(catalog.predictor(predictor), "fingerprint", None)
-    if found != fingerprint:
+    present = getattr(catalog.predictor(predictor), "fingerprint", None)
+    if present != fingerprint:
         raise SpecError(
-            f"The weights of {predictor} have the fingerprint {found}, and those of the stored row {fingerprint}: "
+            f"The weights of {predictor} have the fingerprint {present}, and those of the stored row {fingerprint}: "
             "check out the commit that examples/published/README.md names."
         )
     return score_windows(predictor, place, {**options, "through": "environment", "verify": False})

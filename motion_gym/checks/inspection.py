@@ -238,7 +238,7 @@ def _other_unit(files: Sequence[TrackFile]) -> str:
 
 def _flagged_rows(file: TrackFile) -> dict[str, int]:
     """Number of rows whose position was not seen, by the column that marks them."""
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for table in file.tables:
         for column, name in enumerate(table.names or ()):
             unseen = FLAGS.get(plain_name(name)[0])
@@ -247,18 +247,18 @@ def _flagged_rows(file: TrackFile) -> dict[str, int]:
             words = ("1", "1.0", "true", "yes") if unseen else ("0", "0.0", "false", "no")
             count = sum(str(text).lower() in words for text in table.texts(column))
             if count:
-                found[name] = found.get(name, 0) + count
-    return found
+                counts[name] = counts.get(name, 0) + count
+    return counts
 
 
 def _flags(files: Sequence[TrackFile]) -> list[Finding]:
     """Columns that mark positions that were not seen."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for file in files:
-        found.update(_flagged_rows(file))
-    told = ", ".join(f"{count} rows by `{name}`" for name, count in found.items())
+        counts.update(_flagged_rows(file))
+    told = ", ".join(f"{count} rows by `{name}`" for name, count in counts.items())
     warning = f"Positions are marked as not seen and are used: {told}. Delete these rows, if they are guesses."
-    return [Finding("marked rows", dict(found), told, warning)] if found else []
+    return [Finding("marked rows", dict(counts), told, warning)] if counts else []
 
 
 def _twins(tables: Sequence[Table]) -> list[Finding]:
@@ -280,7 +280,7 @@ def _of_domain(place: Any, recordings: Sequence[Recording]) -> list[Finding]:
     card = place.card
     agents = sum(len(np.unique(r.agent)) for r in recordings)
     frames = sum(len(np.unique(r.frame)) for r in recordings)
-    found = [
+    findings = [
         Finding("step", card.dt, f"{card.dt:g} s, horizon {12 * card.dt:g} s"),
         Finding("recordings", len(recordings), f"{len(recordings)}, with {frames} steps and {agents} agents"),
     ]
@@ -288,7 +288,7 @@ def _of_domain(place: Any, recordings: Sequence[Recording]) -> list[Finding]:
         try:
             seen = counts(place.windows(split))
         except (DataError, SpecError) as error:
-            found.append(Finding(f"windows of {split}", None, "none", str(error) if split == "test" else ""))
+            findings.append(Finding(f"windows of {split}", None, "none", str(error) if split == "test" else ""))
             continue
         text = f"{seen['scenes']} windows, {seen['agent_windows']} agent-windows of {seen['agents']} agents"
         few = split == "test" and seen["agents"] < FEW and seen["agents"] < agents and _files(place)
@@ -296,8 +296,8 @@ def _of_domain(place: Any, recordings: Sequence[Recording]) -> list[Finding]:
             f"Only {seen['agents']} of {agents} agents have windows in the split `test`, so intervals will be wide. "
             "Score predictors that need no training on the whole file: split='0 0 1'."
         )
-        found.append(Finding(f"windows of {split}", seen, text, remedy if few else ""))
-    return found
+        findings.append(Finding(f"windows of {split}", seen, text, remedy if few else ""))
+    return findings
 
 
 def _starts_alike(file: TrackFile) -> bool:

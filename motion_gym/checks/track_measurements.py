@@ -176,7 +176,7 @@ def standing(steps: Steps) -> Finding:
 def jumps(steps: Steps, recordings: Sequence[Recording]) -> Finding:
     """Steps that are far longer than those before and after them."""
     middle = float(np.median(steps.moving)) if len(steps.moving) else 0.0
-    found, first = 0, ""
+    count, first = 0, ""
     recordings = [recording for recording in recordings if len(recording.frame)]
     for part, recording in zip(steps.tracks, recordings, strict=True):
         same = np.diff(part.track) == 0
@@ -187,20 +187,20 @@ def jumps(steps: Steps, recordings: Sequence[Recording]) -> Finding:
             jump = length > JUMP * (neighbour + middle)
             if steps.unit == "m":
                 jump &= length > JUMP_SPEED * steps.dt
-        found += int(jump.sum())
+        count += int(jump.sum())
         if jump.any() and not first:
             row = int(jump.argmax())
             order = np.lexsort((recording.frame, recording.agent))
             agent, frame = recording.agent[order][row], recording.frame[order][row + 1]
             first = f"agent {agent} moves {length[row]:.1f} {steps.unit} up to frame {frame} of {recording.name}"
     warning = ""
-    if found:
+    if count:
         warning = (
-            f"{found} {'steps are jumps' if found > 1 else 'step is a jump'}, more than {JUMP:g} times as long as the "
+            f"{count} {'steps are jumps' if count > 1 else 'step is a jump'}, more than {JUMP:g} times as long as the "
             f"neighbouring steps: {first}. Two agents may share an id, or a position may be wrong: correct the rows, "
             "or give the agent a new id after the jump."
         )
-    return Finding("jumps", found, str(found), warning)
+    return Finding("jumps", count, str(count), warning)
 
 
 def absences(recordings: Sequence[Recording]) -> Finding:
@@ -241,8 +241,8 @@ def gaps(recordings: Sequence[Recording], dt: float) -> Finding:
             count += int((apart > 1).sum())
             longest = max(longest, float(apart.max() - 1) * dt)
     listed = any(recording.listed for recording in recordings)
-    what = "; listed frames count as consecutive, as published" if listed and count else ""
-    return Finding("gaps with nobody", count, f"{count}, longest {longest:.1f} s{what}" if count else "none")
+    note = "; listed frames count as consecutive, as published" if listed and count else ""
+    return Finding("gaps with nobody", count, f"{count}, longest {longest:.1f} s{note}" if count else "none")
 
 
 def extent(recordings: Sequence[Recording], unit: str) -> Finding:

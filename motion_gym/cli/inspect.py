@@ -41,11 +41,11 @@ def inspect(
     """
     from motion_gym.checks.inspection import inspect as inspect_domain
 
-    given: dict[str, Any] = {"sources": sources or None}
-    given |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
-    given |= {"split": split}
-    found = inspect_domain(thing, **{name: value for name, value in given.items() if value is not None})
+    keywords: dict[str, Any] = {"sources": sources or None}
+    keywords |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
+    keywords |= {"split": split}
+    report = inspect_domain(thing, **{name: value for name, value in keywords.items() if value is not None})
     if as_json:
-        print_json(found.as_dict())
+        print_json(report.as_dict())
     else:
-        say(str(found))
+        say(str(report))

@@ -93,11 +93,11 @@ class _OnePage(http.server.BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Send the page."""
-        found = self.path.partition("?")[0] == "/"
-        self.send_response(200 if found else 404)
+        known = self.path.partition("?")[0] == "/"
+        self.send_response(200 if known else 404)
         self.send_header("Content-Type", "text/html; charset=utf-8")
         self.end_headers()
-        if found:
+        if known:
             self.wfile.write(self.content)
 
     def log_message(self, format: str, *arguments: object) -> None:

@@ -27,8 +27,8 @@ def microseconds(table: Table, column: int) -> np.ndarray:
     if isinstance(fields, np.ndarray) and fields.dtype.kind == "M":
         missing = np.isnat(fields)
         if missing.any():
-            what = f"{table.title(column)}, the time, is missing"
-            table.refuse(int(missing.argmax()), what, "Correct or delete the row.")
+            fault = f"{table.title(column)}, the time, is missing"
+            table.refuse(int(missing.argmax()), fault, "Correct or delete the row.")
         return fields.astype("datetime64[us]").astype(np.int64)
     texts, offsets = [], []
     for text in table.texts(column):
@@ -50,8 +50,8 @@ def microseconds(table: Table, column: int) -> np.ndarray:
             try:
                 np.datetime64(text)
             except (ValueError, Warning) as error:
-                what = f"{table.title(column)} is no date and time ({error})"
-                table.refuse(row, what, "Write it as 2024-05-31T12:00:00.400, with +02:00 for a time zone.")
+                fault = f"{table.title(column)} is no date and time ({error})"
+                table.refuse(row, fault, "Write it as 2024-05-31T12:00:00.400, with +02:00 for a time zone.")
     raise DataError(f"{table.path}: {table.title(column)} holds dates of several forms: write all alike.")
 
 

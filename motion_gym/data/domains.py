@@ -227,10 +227,10 @@ def spec_of(domain: Domain) -> str:
     return format_spec(card.name, changed)
 
 
-def _makes(kind: type[RecordedDomain], given: Mapping[str, Any], all_of_them: Mapping[str, Any]) -> bool:
+def _makes(kind: type[RecordedDomain], arguments: Mapping[str, Any], all_of_them: Mapping[str, Any]) -> bool:
     """Whether a domain made with some parameters has all parameters."""
     try:
-        return kind(**given).parameters == all_of_them
+        return kind(**arguments).parameters == all_of_them
     except Exception:  # the constructor of a user's class may raise anything
         return False
 

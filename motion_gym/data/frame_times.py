@@ -107,10 +107,10 @@ def read_times(table: Table, column: int) -> RawTimes:
         return RawTimes(values, None, "frame numbers", f"{table.title(column)} {form}")
     unit = _epoch_unit(values)
     if unit:
-        what = f"look like {EPOCH[unit]} since 1970"
+        look = f"look like {EPOCH[unit]} since 1970"
         if unit == 1 and whole is None:
             return RawTimes(values, 1, SINCE_1970)
-        return RawTimes(values, None, what, f"They {what}: fps={unit}.")
+        return RawTimes(values, None, look, f"They {look}: fps={unit}.")
     if whole is None:
         return RawTimes(values, 1, TIME if role == "time" else FRACTIONS)
     named = "" if role != "time" else (

@@ -202,8 +202,8 @@ def _careful(path: Path, content: bytes, columns: list[int], four: bool) -> np.n
     if not any(map(_NUMBER.fullmatch, split[0])):
         bad[0] = ("this is not a line of numbers", f"Delete the header line, or {tracks}.")
     elif four and width != 4:
-        what = f"{width} columns, and `columns` does not say which of them hold frame, id, x and y"
-        bad[0] = (what, f"Give columns=(0, 1, 2, 3) or the numbers that are right, counted from 0, or {tracks}.")
+        problem = f"{width} columns, and `columns` does not say which of them hold frame, id, x and y"
+        bad[0] = (problem, f"Give columns=(0, 1, 2, 3) or the numbers that are right, counted from 0, or {tracks}.")
     elif not text.endswith("\n"):
         bad[-1] = (
             "the file ends in the middle of this line",

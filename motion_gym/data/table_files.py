@@ -192,11 +192,11 @@ def _text_columns(
     width = Counter(map(len, rows)).most_common(1)[0][0]
     bad = next((row for row, fields in enumerate(rows) if len(fields) != width), None)
     if bad is not None:
-        what, remedy = f"{len(rows[bad])} columns where the other lines have {width}", "Correct or delete the line."
+        fault, remedy = f"{len(rows[bad])} columns where the other lines have {width}", "Correct or delete the line."
         if bad == len(rows) - 1 and not complete:
-            what = f"the file ends in the middle of this line, after {len(rows[bad])} of {width} columns"
+            fault = f"the file ends in the middle of this line, after {len(rows[bad])} of {width} columns"
             remedy = "It was probably truncated: get it again, or delete the line."
-        raise DataError(f"{path}, line {numbers[bad]}: {what}: {short(lines[bad])}. {remedy}")
+        raise DataError(f"{path}, line {numbers[bad]}: {fault}: {short(lines[bad])}. {remedy}")
     return [list(column) for column in zip(*rows, strict=True)]
 
 

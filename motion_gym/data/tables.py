@@ -85,12 +85,12 @@ class Table:
             texts = [text.replace(",", ".") if DECIMAL_COMMA.fullmatch(text) else text for text in texts]
         bad = next((row for row, text in enumerate(texts) if not NUMBER.fullmatch(text)), None)
         if bad is not None:
-            what = f"{self.title(column)} is {self.texts(column)[bad]!r}, not a number"
+            fault = f"{self.title(column)} is {self.texts(column)[bad]!r}, not a number"
             if commas and self.delimiter != DELIMITERS[","]:
                 remedy = "Write all numbers of the column with a decimal point, or all with a decimal comma."
             else:
                 remedy = "Correct or delete the line, or say with `columns` which columns to read."
-            self.refuse(bad, what, remedy)
+            self.refuse(bad, fault, remedy)
         return np.array(list(map(float, texts)))
 
     def is_numeric(self, column: int) -> bool:
@@ -138,9 +138,9 @@ class Table:
             return self.source.split("\n")[self.lines[row] - 1].strip()
         return " | ".join(str(fields[row]) for fields in self.columns)
 
-    def refuse(self, row: int, what: str, remedy: str) -> NoReturn:
+    def refuse(self, row: int, fault: str, remedy: str) -> NoReturn:
         """Raise DataError that names the line of a row, what is wrong and what to do."""
-        raise DataError(f"{self.path}, line {self.lines[row]}: {what}: {short(self.row(row))}. {remedy}")
+        raise DataError(f"{self.path}, line {self.lines[row]}: {fault}: {short(self.row(row))}. {remedy}")
 
 
 _ODD = re.compile(r"_|[^\x00-\x7f]")

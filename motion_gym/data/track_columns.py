@@ -111,20 +111,22 @@ def _by_header(table: Table, columns: Sequence[str | int]) -> Columns:
             f"columns={_text(columns)!r} names {len(columns)} columns: name four of the header of {table.path}, in the "
             f"order frame (or time), id, x, y; or three, without id, for a file of one person. {_header(table)}"
         )
-    found = [_number(table, c) if isinstance(c, int) else _position(table, c) for c in columns]
-    if len(set(found)) < len(found):
+    places = [_number(table, c) if isinstance(c, int) else _position(table, c) for c in columns]
+    if len(set(places)) < len(places):
         raise SpecError(f"columns={_text(columns)!r} names a column of {table.path} twice. {_header(table)}")
-    said = [role_of(names[c]) for c in found]
+    said = [role_of(names[c]) for c in places]
     kinds = ["time" if role == "frame" else role for role in said]
-    expected = ["time", "id", "x", "y"] if len(found) == 4 else ["time", "x", "y"]
+    expected = ["time", "id", "x", "y"] if len(places) == 4 else ["time", "x", "y"]
     wrong = next((i for i, kind in enumerate(kinds) if kind is not None and kind != expected[i]), None)
     if wrong is None:
-        return _made(found, True, "as stated")
+        return _columns_at(places, True, "as stated")
     if sorted(map(str, kinds)) == sorted(expected):
-        return _made([found[kinds.index(kind)] for kind in expected], True, "as stated, put in order by their names")
+        return _columns_at(
+            [places[kinds.index(kind)] for kind in expected], True, "as stated, put in order by their names"
+        )
     place = {"time": "the frame or time", "id": "the id"}.get(expected[wrong], expected[wrong])
     raise SpecError(
-        f"columns={_text(columns)!r}: `{names[found[wrong]]}` stands at the place of {place}, and its name says "
+        f"columns={_text(columns)!r}: `{names[places[wrong]]}` stands at the place of {place}, and its name says "
         f"{said[wrong]}. The order is frame (or time), id, x, y (three columns: without id). "
         f"{_header(table)}"
     )
@@ -138,7 +140,7 @@ def _by_layout(table: Table, columns: Sequence[str | int]) -> Columns:
                 f"columns={_text(columns)!r} must be four different column numbers, counted from 0: those of frame (or "
                 "time), id, x and y; or three, without id, for a file of one person."
             )
-        return _made([_number(table, int(c)) for c in columns], True, "as stated")
+        return _columns_at([_number(table, int(c)) for c in columns], True, "as stated")
     if any(isinstance(c, int) for c in columns):
         raise SpecError(f"columns={_text(columns)!r} mixes names and numbers, and {table.path} has no header.")
     if len(columns) != width:
@@ -148,25 +150,25 @@ def _by_layout(table: Table, columns: Sequence[str | int]) -> Columns:
             f"give the four numbers of frame, id, x and y, counted from 0. Its first row is {short(table.row(0))}."
         )
     roles = [role_of(str(name)) for name in columns]
-    found: dict[str, int] = {}
+    by_role: dict[str, int] = {}
     time: int | None
     for column, role in enumerate(roles):
         if role is None:
             continue
-        if role in found:
+        if role in by_role:
             raise SpecError(
-                f"columns={_text(columns)!r} names two columns {role}: `{columns[found[role]]}` and "
+                f"columns={_text(columns)!r} names two columns {role}: `{columns[by_role[role]]}` and "
                 f"`{columns[column]}`. Write - for the one that is not needed."
             )
-        found[role] = column
-    time = found.get("frame", found.get("time"))
-    missing = [role for role in ("x", "y") if role not in found] + (["frame or time"] if time is None else [])
+        by_role[role] = column
+    time = by_role.get("frame", by_role.get("time"))
+    missing = [role for role in ("x", "y") if role not in by_role] + (["frame or time"] if time is None else [])
     if time is None or missing:
         raise SpecError(
             f"columns={_text(columns)!r} has no {' and no '.join(missing)}: name the columns of {table.path} from left "
             "to right, as 'frame id x y', with - for those that are not needed."
         )
-    return Columns(time, found.get("id"), found["x"], found["y"], True, "as stated, from left to right")
+    return Columns(time, by_role.get("id"), by_role["x"], by_role["y"], True, "as stated, from left to right")
 
 
 def _guessed_by_header(table: Table, timed: bool) -> Columns:
@@ -262,8 +264,8 @@ def _guessed_by_width(table: Table) -> Columns:
     return Columns(0, 1, 2, 3, False, "four columns without a header: frame, id, x, y")
 
 
-def _made(found: Sequence[int], stated: bool, how: str) -> Columns:
-    time, *agent, x, y = found
+def _columns_at(places: Sequence[int], stated: bool, how: str) -> Columns:
+    time, *agent, x, y = places
     return Columns(time, agent[0] if agent else None, x, y, stated, how)
 
 
@@ -288,13 +290,13 @@ def _number(table: Table, column: int) -> int:
     return column
 
 
-def _single(table: Table, found: Sequence[int], role: str) -> int | None:
+def _single(table: Table, candidates: Sequence[int], role: str) -> int | None:
     """The one column of a role; of several, the one whose name is the role itself."""
     names = table.names or ()
-    plain = [c for c in found if names[c].strip().lower() == role]
-    if len(found) > 1 and len(plain) != 1:
-        _several(table, found, role)
-    return next(iter(plain or found), None)
+    plain = [c for c in candidates if names[c].strip().lower() == role]
+    if len(candidates) > 1 and len(plain) != 1:
+        _several(table, candidates, role)
+    return next(iter(plain or candidates), None)
 
 
 def _pair(table: Table, xs: Sequence[int], ys: Sequence[int]) -> tuple[int | None, int | None]:
@@ -310,8 +312,8 @@ def _pair(table: Table, xs: Sequence[int], ys: Sequence[int]) -> tuple[int | Non
     return next(iter(pairs), (None, None))
 
 
-def _several(table: Table, found: Sequence[int], role: str) -> NoReturn:
-    named = ", ".join(f"`{(table.names or ())[c]}`" for c in found)
+def _several(table: Table, candidates: Sequence[int], role: str) -> NoReturn:
+    named = ", ".join(f"`{(table.names or ())[c]}`" for c in candidates)
     raise DataError(
         f"{table.path} has several columns that may be the {role}: {named}. {HOW}: columns='FRAME ID X Y', with names "
         f"of the header. {_header(table)}"

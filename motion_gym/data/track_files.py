@@ -126,10 +126,10 @@ def find_files(path: Any) -> list[Path]:
     text = os.path.expanduser(os.fspath(path))
     if Path(text).exists() or not glob.has_magic(text):
         return [Path(text)]
-    found = sorted(Path(name) for name in glob.glob(text, recursive=True) if Path(name).is_file())
-    if not found:
+    files = sorted(Path(name) for name in glob.glob(text, recursive=True) if Path(name).is_file())
+    if not files:
         raise DataError(f"there is no file of the pattern {text}. Check the folder and the pattern.")
-    return found
+    return files
 
 
 def read_track_files(path: Any, reading: Reading) -> list[TrackFile]:

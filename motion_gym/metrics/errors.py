@@ -270,11 +270,11 @@ def _samples(forecast: Forecast, truth: Truth, k: int) -> np.ndarray:
     """The first k samples, or the only one: [A, k or 1, 12, 2]."""
     _check_k(k)
     positions = _checked(forecast, truth).positions
-    given = positions.shape[1]
-    if 1 < given < k:
+    samples = positions.shape[1]
+    if 1 < samples < k:
         raise PredictorError(
-            f"The forecast has {given} samples, but k = {k} are to be scored. Predict with samples={k}, "
-            f"score with k <= {given}, or give a single sample if the predictor is deterministic."
+            f"The forecast has {samples} samples, but k = {k} are to be scored. Predict with samples={k}, "
+            f"score with k <= {samples}, or give a single sample if the predictor is deterministic."
         )
     return positions[:, :k]
 

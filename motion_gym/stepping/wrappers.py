@@ -150,8 +150,8 @@ class FixedAgents(BaseParallelWrapper):
         if missing:
             raise ActionError(f"No action for `{missing[0]}`: every slot of `env.agents` needs an action.")
         acted = dict(self.slots)
-        given = {name: self._action(actions[slot]) for name, slot in acted.items()}
-        observations, rewards, _, _, infos = self.env.step(given)
+        actions_by_name = {name: self._action(actions[slot]) for name, slot in acted.items()}
+        observations, rewards, _, _, infos = self.env.step(actions_by_name)
         here = set(self.env.agents)
         self.slots = {name: slot for name, slot in acted.items() if name in here}
         self._enter()
