@@ -311,7 +311,7 @@ def _parquet(path: Path) -> Table:
         import pyarrow.parquet as parquet
     except ImportError:
         raise DataError(
-            f"{path} is a Parquet file, which needs pyarrow: pip install pyarrow. Or save it as csv."
+            f"{path} is a Parquet file, which needs pyarrow: pip install 'motion-gym[parquet]'. Or save it as csv."
         ) from None
     try:
         table = parquet.read_table(path)

@@ -239,7 +239,7 @@ def test_ndjson_that_is_no_trajnet_file(tmp_path, text, message):
 def test_parquet_is_read_or_says_what_it_needs(tmp_path):
     if importlib.util.find_spec("pyarrow") is None:
         (tmp_path / "walk.parquet").write_bytes(b"PAR1" + bytes(20) + b"PAR1")
-        with pytest.raises(DataError, match="needs pyarrow: pip install pyarrow"):
+        with pytest.raises(DataError, match=r"needs pyarrow: pip install 'motion-gym\[parquet\]'"):
             read_table(tmp_path / "walk.parquet")
         return
     import pyarrow
