@@ -30,7 +30,7 @@ class EgoErm(Weighted):
     """
 
     kind: ClassVar[str] = "ego_erm"
-    sets: ClassVar[tuple[str, ...]] = ("style", "vehicles")
+    sets: ClassVar[tuple[str, ...]] = ("style", "style/crowd", "vehicles")
     networks: ClassVar[tuple[str, ...]] = ("plain",)
     program: ClassVar[type[EgoProgram]] = EgoProgram
 

@@ -99,7 +99,7 @@ CROWD = Benchmark(
     (
         _styles(
             "Crowds of ten agents on the circle: trained with d = 0.1, 0.3, 0.5",
-            ("erm_no_sigma", "modular_stgat"),
+            ("erm_no_sigma", "modular_stgat", "ego_erm"),
             "style/crowd",
             ",agents=10,scenes=1000",
             (*FILTERS, "linear", "orca_oracle"),
@@ -107,7 +107,15 @@ CROWD = Benchmark(
             samples=1,
         ),
     ),
-    claims=(Claim("A style lowers the error of STGAT", ("modular_stgat",), ("erm_no_sigma",)),),
+    claims=(
+        Claim("A style lowers the error of STGAT", ("modular_stgat",), ("erm_no_sigma",)),
+        Claim(
+            "Up to d = 0.7 a network in the frame of each agent has a lower error than STGAT with a style",
+            ("ego_erm",),
+            ("modular_stgat",),
+            columns=("0.1", "0.2", "0.3", "0.4", "0.5", "0.6", "0.7"),
+        ),
+    ),
     drawings=(Drawing("ade.svg", OVER_D),),
 )
 
