@@ -3,6 +3,7 @@
 Of the weights, the wheel holds those that ``weights=auto`` can choose for the predictors with their default settings.
 """
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -35,6 +36,7 @@ def chosen_weights() -> set[str]:
 
 def packed() -> tuple[set[str], int]:
     """Files in a freshly built wheel, without its metadata, and the size of the wheel in bytes."""
+    shutil.rmtree(ROOT / "build", ignore_errors=True)  # setuptools would pack what an older build left there
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, str(ROOT)]
         subprocess.run(command, check=True)

@@ -246,6 +246,38 @@ def test_latest_paths_are_the_last_forecasts_of_those_who_stayed(places):
         assert all(now - stored.made < 12 for stored in clock.ledger)
 
 
+@some
+@given(recordings())
+def test_what_is_known_so_far_are_the_positions_up_to_now(places):
+    clock = StreamClock(places)
+    step = clock.reset()
+    assert clock.so_far() is None
+    path, settled = {}, set()
+    while len(step.observation):
+        now, names = clock.time, step.identity.tolist()
+        path |= {(name, now): place for name, place in zip(names, step.observation.xy[:, -1], strict=True)}
+        truth = clock.so_far()
+        waiting = [(name, stored.made) for stored in clock.ledger for name in stored.observation.agent.tolist()]
+        assert (truth is None) == (not waiting)
+        if truth is not None:
+            assert truth.observation.agent.tolist() == [name for name, _ in waiting]
+            for (name, made), future, known in zip(waiting, truth.future, truth.known, strict=True):
+                expected = [(name, made + ahead) in path for ahead in range(1, 13)]
+                assert known.tolist() == expected
+                for ahead in np.flatnonzero(known).tolist():
+                    np.testing.assert_allclose(future[ahead], path[name, made + ahead + 1], atol=1e-6)
+        step = clock.step(Forecast(positions_for(names, now)))
+        if step.settled is not None:
+            settled |= set(step.settled.made.tolist())
+        assert settled.isdisjoint(stored.made for stored in clock.ledger)
+
+
+def test_the_extent_of_nothing_is_the_unit_square():
+    nothing = Recording(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), 0.4)
+    for clock in (StreamClock([nothing]), WindowsClock(windows_of([nothing]))):
+        assert clock.extent.tolist() == [[0, 0], [1, 1]]
+
+
 def test_an_agent_lost_for_one_frame_is_a_new_agent_but_the_same_person():
     frame = np.concatenate([np.delete(np.arange(60), 30), np.arange(60)])
     agent = np.repeat([4, 7], [59, 60])

@@ -1,0 +1,70 @@
+"""Numerical tests under other versions of Python and of the libraries, and with one and two threads.
+
+``python -m tests.soak.versions PAGE PYTHON [PYTHON ...]`` runs the tests below with each interpreter, which has motion-gym,
+pytest and hypothesis, and writes a row for each into a block of the page. Tests that need PyTorch are skipped without it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from motion_gym.benchmarks.reports.marked_block import insert
+from motion_gym.benchmarks.reports.table import Table
+
+ROOT = Path(__file__).resolve().parents[2]
+TESTS = (
+    "tests/metrics", "tests/stepping/test_clocks.py", "tests/stepping/test_outstanding.py", "tests/data/test_windows.py",
+    "tests/data/test_resampling.py", "tests/envs/test_orca_engine.py", "tests/predictors/test_baselines.py",
+    "tests/stepping/test_gymnasium_env.py",
+)  # fmt: skip
+WITH_TORCH = ("tests/predictors/test_stgat.py", "tests/predictors/test_modular.py", "tests/predictors/test_kernels.py")
+VERSIONS = """
+import importlib.metadata as m, importlib.util as u, json, platform
+names = ("numpy", "scipy", "torch", "gymnasium", "pettingzoo")
+print(json.dumps([platform.python_version(), *(m.version(n) if u.find_spec(n) else "-" for n in names)]))
+"""
+
+
+def row(python: str, threads: int) -> list[str]:
+    """Versions, number of threads, and numbers of passed, failed and skipped tests."""
+    versions = json.loads(subprocess.run([python, "-c", VERSIONS], capture_output=True, text=True, check=True).stdout)
+    tests = [*TESTS, *(WITH_TORCH if versions[3] != "-" else ())]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "OMP_NUM_THREADS": str(threads),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    command = [python, "-m", "pytest", "-p", "no:cacheprovider", "--tb=line", *tests]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    print(done.stdout[-3000:], file=sys.stderr)
+    counts = {name: number for number, name in re.findall(r"(\d+) (passed|failed|skipped|error)", done.stdout)}
+    return [
+        *versions,
+        str(threads),
+        *(counts.get(name, "0") for name in ("passed", "skipped")),
+        str(int(counts.get("failed", 0)) + int(counts.get("error", 0))),
+    ]
+
+
+if __name__ == "__main__":
+    page, *pythons = sys.argv[1:]
+    columns = [
+        "Python",
+        "NumPy",
+        "SciPy",
+        "PyTorch",
+        "Gymnasium",
+        "PettingZoo",
+        "threads",
+        "passed",
+        "skipped",
+        "failed",
+    ]
+    rows = [row(python, threads) for python in pythons for threads in (1, 2)]
+    insert(Path(page), "versions", Table("", columns, rows).markdown())
