@@ -8,6 +8,7 @@ import gzip
 import io
 import json
 import lzma
+import os
 import random
 import warnings
 from collections.abc import Callable, Mapping
@@ -44,8 +45,8 @@ def _image() -> bytes:
     return out.getvalue()
 
 
-def _tracks(path: Path) -> Any:
-    recording = motion_gym.read_recording(path, fps=25)
+def _tracks(path: Path) -> None:
+    recording = motion_gym.read_recording(path, dt=0.4)
     assert np.isfinite(recording.xy).all()
 
 
@@ -65,8 +66,6 @@ def _cache(path: Path) -> None:
 
 @contextlib.contextmanager
 def _environment(folder: Path):
-    import os
-
     before = os.environ.get("MOTION_GYM_CACHE")
     os.environ["MOTION_GYM_CACHE"] = str(folder / "cache")
     try:
