@@ -1,8 +1,7 @@
 """Numerical tests under other versions of Python and of the libraries, and with one and two threads.
 
 ``python -m tests.soak.versions PAGE PYTHON [PYTHON ...]`` runs the tests below with each interpreter, which has
-motion-gym, pytest and hypothesis, and writes a row for each into a block of the page. Without PyTorch its tests are left
-out.
+motion-gym, pytest and hypothesis, and writes a row for each into a block of the page. Tests of networks need PyTorch.
 """
 
 from __future__ import annotations
