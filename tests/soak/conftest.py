@@ -45,18 +45,13 @@ class Tally:
 
 
 @pytest.fixture
-def tally() -> Iterator[Tally]:
+def tally(pytestconfig: pytest.Config) -> Iterator[Tally]:
     counts = Tally()
     yield counts
-    if counts.lost:
-        pytest.fail(f"{len(counts.lost)} lost:\n" + "\n".join(counts.lost[:20]), pytrace=False)
-
-
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    page = session.config.getoption("--page")
-    if page and TRIED:
+    if page := pytestconfig.getoption("--page"):  # after each test, since the whole takes an hour
         rows = [
-            [what, str(len(outcomes)), str(outcomes.count("")), str(len(outcomes) - outcomes.count(""))]
-            for what, outcomes in TRIED.items()
+            [what, str(len(all_)), str(all_.count("")), str(len(all_) - all_.count(""))] for what, all_ in TRIED.items()
         ]
         insert(page, "soak", Table("", ["what", "tried", "survived", "lost"], rows).markdown())
+    if counts.lost:
+        pytest.fail(f"{len(counts.lost)} lost:\n" + "\n".join(counts.lost[:20]), pytrace=False)

@@ -50,16 +50,13 @@ def mutants(file: Path) -> Iterator[tuple[str, str, bool]]:
         if not mark or not number.isdigit():
             continue
         original = functions[f"{base}__mutmut_orig"]
-        before, after = (ast.unparse(each).splitlines()[1:] for each in (original, node))
+        for each in (original, node):
+            each.name = base
+        before, after = (ast.unparse(each).splitlines() for each in (original, node))
         changed = [line[1:].strip() for line in difflib.ndiff(before, after) if line.startswith("+ ")]
-        plain = [ast.dump(_WithoutMessages().visit(ast.parse("\n".join(_body(each))))) for each in (original, node)]
+        plain = [ast.dump(_WithoutMessages().visit(ast.parse(ast.unparse(each)))) for each in (original, node)]
+        original.name, node.name = f"{base}__mutmut_orig", name
         yield name, (changed or [""])[0], plain[0] == plain[1]
-
-
-def _body(function: ast.AST) -> list[str]:
-    lines = ast.unparse(function).splitlines()
-    start = next(number for number, line in enumerate(lines) if line.startswith(("def ", "async def ")))
-    return [*(line for line in lines[:start]), lines[start].replace("__mutmut_orig", ""), *lines[start + 1 :]]
 
 
 def _name_of(function: str) -> str:
