@@ -38,7 +38,7 @@ from motion_gym.benchmarks.objects import Benchmark, Part
 COLUMNS = {{"0.3": "{CROWD}", "0.6": "{CROWD},d=0.6"}}
 SMALL = Benchmark("small", "A small benchmark", (Part("Small", COLUMNS, ("constant_velocity", "linear")),))
 '''
-NOT_COMPARED = ("provenance", "seconds", "session", "update_seconds", "tick_seconds", "peak_memory")
+NOT_COMPARED = ("provenance", "seconds", "session", "update_seconds", "tick_seconds", "peak_memory", "commit")
 """Keys of files of JSON whose values differ from run to run."""
 PAGE = 4096
 CONSTANT = b"a file of somebody else\n"
