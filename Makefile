@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PYTHON ?= python3
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-clients test-page test-portable check site results bench clean
+.PHONY: demo test test-clients test-page test-portable soak coverage mutants check site results bench clean
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(ROOT)constraints.txt
 
@@ -53,6 +53,30 @@ $(VENV)/.page: $(VENV)/.ready
 test-page: $(VENV)/.page
 	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/page $(ARGS)
 
+# Kills, full disks, damaged and hostile files, long streams; writes a table into docs/reliability.md. The part about disks
+# needs root. An hour on two quiet cores; ARGS="--tries 2" tries less.
+soak: $(VENV)/.ready
+	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/soak --page docs/reliability.md $(ARGS)
+
+$(VENV)/.audit: $(VENV)/.ready
+	$(INSTALL) mutmut pytest-cov
+	@touch $@
+
+# Line coverage of the tests by package, written into docs/reliability.md.
+coverage: $(VENV)/.audit
+	cd $(ROOT) && OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --cov=motion_gym --cov=envs --cov=predictors \
+	  --cov-report=json $(ARGS)
+	cd $(ROOT) && $(BIN)/python -m tests.soak.coverage_table coverage.json docs/reliability.md
+
+# Mutants of the metrics and clocks, in a copy of the sources; hours. docs/reliability.md lists the survivors.
+MUTANTS := $(VENV)-mutants
+mutants: $(VENV)/.audit
+	rm -rf $(MUTANTS) && mkdir $(MUTANTS)
+	cd $(ROOT) && cp -rL motion_gym tests pyproject.toml README.md LICENSE $(MUTANTS)
+	rm -rf $(MUTANTS)/motion_gym/weights/* $(MUTANTS)/motion_gym/results/*
+	cd $(MUTANTS) && OMP_NUM_THREADS=1 $(BIN)/mutmut run --max-children 2
+	cd $(ROOT) && $(BIN)/python -m tests.soak.mutants page $(MUTANTS)/mutants docs/reliability.md
+
 # The documentation, in site/; a broken link fails (not with --quiet).
 $(VENV)/.site: $(VENV)/.installed
 	$(INSTALL) -e "$(ROOT)[site]"
@@ -95,4 +119,4 @@ bench: $(CLIENTS)-ray/.ready
 	cd $(ROOT) && BIN=$(CLIENTS)-ray/bin sh bench/run
 
 clean:
-	rm -rf $(VENV) $(CLIENTS)-* $(ROOT)build $(ROOT)dist $(ROOT)site $(ROOT)*.egg-info
+	rm -rf $(VENV) $(CLIENTS)-* $(MUTANTS) $(ROOT)build $(ROOT)dist $(ROOT)site $(ROOT)*.egg-info

@@ -1,13 +1,23 @@
-"""Build the wheel, and compare the Python files in it with those that git tracks."""
+"""Build the wheel, and compare its files with those that git tracks, and its size with the limit.
 
+Of the weights, the wheel holds those that ``weights=auto`` can choose for the predictors with their default settings.
+"""
+
+import shutil
 import subprocess
 import sys
 import tempfile
 import zipfile
 from pathlib import Path
 
+from motion_gym import catalog
+from motion_gym.training.weight_files import file_name
+
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"motion_gym": "motion_gym/", "envs": "motion_gym/envs/", "predictors": "motion_gym/predictors/"}
+WEIGHTS = "motion_gym/weights/"
+LIMIT = 20e6
+"""Bytes."""
 
 
 def tracked() -> set[str]:
@@ -17,25 +27,36 @@ def tracked() -> set[str]:
     return {FOLDERS[name.parts[0]] + "/".join(name.parts[1:]) for name in names}
 
 
-def packed() -> set[str]:
-    """Files in a freshly built wheel, without its metadata."""
+def chosen_weights() -> set[str]:
+    """Files that ``weights=auto`` can choose for the predictors with their default settings."""
+    predictors = [(name, catalog.load_class(entry.target)) for name, entry in catalog.PREDICTORS.items()]
+    sets = [(catalog.predictor(name).name, kind.sets) for name, kind in predictors if hasattr(kind, "sets")]
+    return {f"{WEIGHTS}{folder}/{file_name(row)}" for row, folders in sets for folder in folders}
+
+
+def packed() -> tuple[set[str], int]:
+    """Files in a freshly built wheel, without its metadata, and the size of the wheel in bytes."""
+    shutil.rmtree(ROOT / "build", ignore_errors=True)  # setuptools would pack what an older build left there
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder, str(ROOT)]
         subprocess.run(command, check=True)
         (wheel,) = Path(folder).glob("*.whl")
-        return {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+        names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+        return names, wheel.stat().st_size
 
 
 def main() -> None:
-    """Exit with status 1 if the two differ."""
-    expected, found = tracked(), packed()
+    """Exit with status 1 if the files differ, or the wheel is too large."""
+    chosen = chosen_weights()
+    expected = {n for n in tracked() if not (n.startswith(WEIGHTS) and n.endswith(".safetensors")) or n in chosen}
+    found, size = packed()
     for name in sorted(expected - found):
-        print(f"tracked, but not in the wheel: {name}")
+        print(f"belongs into the wheel, and is not in it: {name}")
     for name in sorted(found - expected):
-        print(f"in the wheel, but not tracked: {name}")
-    if expected != found:
+        print(f"in the wheel, and does not belong there: {name}")
+    print(f"wheel: {len(found)} files, {size / 1e6:.1f} MB of at most {LIMIT / 1e6:.0f}")
+    if expected != found or size > LIMIT:
         sys.exit(1)
-    print(f"wheel: the {len(found)} files that git tracks, and nothing else")
 
 
 if __name__ == "__main__":

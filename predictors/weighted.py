@@ -18,7 +18,7 @@ from motion_gym.training import loop as training
 from motion_gym.training.loop import Progress, device_named
 from motion_gym.training.program import Program, Weights
 from motion_gym.training.provenance import commit, sources_of, versions
-from motion_gym.training.weight_files import check_shapes, locate, read, read_card, write
+from motion_gym.training.weight_files import check_shapes, locate, read, read_card, shipped, write
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -121,7 +121,7 @@ class Weighted:
         alike: dict[str, tuple[bool, int]] = {}
         for name in self.sets if self.tensors is None else ():
             with contextlib.suppress(PredictorError):  # these settings have no such weights
-                sources = [catalog.domain(source) for source in read_card(locate(name, self.name))["trained_on"]]
+                sources = [catalog.domain(source) for source in read_card(shipped(name, self.name))["trained_on"]]
                 likeness = max(_likeness(source, domain) for source in sources for domain in domains)
                 elsewhere = any(map(_is_simulated, sources)) and not likeness[0]
                 if not elsewhere and worlds.isdisjoint(source.world for source in sources):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.identity import OPTIONS, SCORING_VERSION, row_name
+from motion_gym.benchmarks.identity import OPTIONS, SCORING_VERSION, is_of_own_code, row_name
 from motion_gym.benchmarks.reports.significance import holm
 from motion_gym.benchmarks.reports.table import Code, Table, number, p_text, percent
 from motion_gym.contract import MotionGymError, SpecError
@@ -103,7 +103,7 @@ def compare_results(a: Sequence[Mapping[str, Any]], b: Sequence[Mapping[str, Any
     comparisons = []
     for key in shared:
         one, other = first[key], second[key]
-        known = not (one["identity"].get("session") or other["identity"].get("session"))
+        known = not (is_of_own_code(one["identity"]) or is_of_own_code(other["identity"]))
         options = {name: one["identity"][name] for name in ALIKE}
         try:
             if not known:

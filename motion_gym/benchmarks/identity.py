@@ -230,6 +230,15 @@ def _is_own(predictor: Any) -> bool:
     return files or any(_name_of(part) not in shipped for part in _nested(predictor))
 
 
+def is_of_own_code(identity: Mapping[str, Any]) -> bool:
+    """Whether a stored run of windows is of a user's predictor or domain: no code is run because a result names it."""
+    try:
+        place = catalog.parse_spec(identity["domain"])[0]
+        return bool(identity.get("session")) or _is_own(identity["predictor"]) or place not in catalog.DOMAINS
+    except SpecError:
+        return True  # no shipped predictor or domain is named so
+
+
 @functools.cache
 def shipped_card(weights: str, predictor: str) -> Mapping[str, Any]:
     """Card of the shipped weights of a predictor, or of the innermost predictor that it is put around.

@@ -14,7 +14,7 @@ _SUMMARIES = " ".join(
 KEYS: Mapping[str, str] = {
     "windows": f"{_EVERY} identity.predictor identity.domain identity.references identity.shots predictor spec split "
     f"protocol k samples seed oracle leaks scored selection reference_scenes reference_draws shots domain.unit "
-    f"domain.dt versus_baseline.ADE.mean versus_baseline.ADE.low versus_baseline.ADE.high "
+    f"domain.dt versus_baseline.ADE.mean versus_baseline.ADE.low versus_baseline.ADE.high seconds "
     f"{_SUMMARIES.format('metrics.ADE')} {_SUMMARIES.format('metrics.FDE')}",
     "stream": f"{_EVERY} identity.row identity.of identity.stream identity.options row of stream domains segments "
     f"curve shifts censored updates skipped rolled_back realtime labels scope update_seconds tick_seconds leaks "
@@ -25,8 +25,21 @@ KEYS: Mapping[str, str] = {
 }
 """Keys of each kind of run, nested keys joined by dots; a run may have more."""
 
-NUMBERS = (".mean", ".low", ".high")
-"""Endings of the keys whose values are numbers, or None where they are not defined."""
+TYPES: Mapping[str, tuple[Any, str]] = {
+    "number": (
+        (int, float, type(None)),
+        "mean low high replicates agent_windows scenes agents dt seconds k samples seed reference_scenes "
+        "reference_draws shots references censored updates skipped rolled_back errors scoring_version",
+    ),
+    "text": (
+        str,
+        "finished predictor domain spec split protocol scored selection row of stream labels scope study unit",
+    ),
+    "list": (list, "leaks command segments curve shifts"),
+    "object": (dict, "versions options"),
+}
+"""Types of values by the last part of their keys, and the names of these types; numbers may be None."""
+_TYPE_OF = {key: (name, kind) for name, (kind, keys) in TYPES.items() for key in keys.split()}
 
 
 def problem_of(content: Any) -> str:
@@ -42,14 +55,17 @@ def problem_of(content: Any) -> str:
     missing = next((path for path in KEYS[kind].split() if not _has(content, path.split("."))), None)
     if missing:
         return f"it has no `{missing}`"
-    wrong = next((path for path in KEYS[kind].split() if path.endswith(NUMBERS) and not _number(content, path)), None)
-    return f"its `{wrong}` is no number" if wrong else ""
+    wrong = next((path for path in KEYS[kind].split() if not _is_of_its_type(content, path.split("."))), None)
+    return f"its `{wrong}` is no {_TYPE_OF[wrong.rpartition('.')[2]][0]}" if wrong else ""
 
 
-def _number(content: Any, path: str) -> bool:
-    for key in path.split("."):
+def _is_of_its_type(content: Any, keys: list[str]) -> bool:
+    if keys[-1] not in _TYPE_OF:
+        return True
+    for key in keys[:-1]:
         content = content[key]
-    return content is None or (isinstance(content, (int, float)) and not isinstance(content, bool))
+    value, (_, kind) = content[keys[-1]], _TYPE_OF[keys[-1]]
+    return isinstance(value, kind) and not isinstance(value, bool)
 
 
 def _has(content: Any, keys: list[str]) -> bool:

@@ -21,7 +21,7 @@ from typing import Any
 from motion_gym.benchmarks.identity import canonical, digest_of, question
 from motion_gym.benchmarks.run_schema import SCHEMA, problem_of
 from motion_gym.contract import DataError
-from motion_gym.data.storage import write_atomic
+from motion_gym.data.storage import exclusive, write_atomic
 from motion_gym.training.provenance import commit, versions
 
 Run = dict[str, Any]
@@ -67,13 +67,19 @@ class Store:
 
         Runs of a user's own predictors stay in small files of the folder; the small files of others are deleted.
         """
-        shipped = [run for _, run in sorted(self.runs.items()) if run["identity"].get("session") is None]
-        text = "".join(json.dumps(run, allow_nan=False) + "\n" for run in shipped)
         path = place / f"{self.name}.jsonl.xz"
-        write_atomic(path, lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME))
-        if self.folder is not None:
-            for run in shipped:
-                path_of(self.folder, run["identity"]).unlink(missing_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
+        with exclusive(place):
+            # Another process may have written runs since this one read them.
+            others = [*_packed(path, path.stat().st_mtime_ns)] if path.is_file() else []
+            others += read_folder(self.folder) if self.folder is not None and self.folder.is_dir() else []
+            runs = {question(run["identity"]): run for run in others} | self.runs
+            shipped = [run for _, run in sorted(runs.items()) if run["identity"].get("session") is None]
+            text = "".join(json.dumps(run, allow_nan=False) + "\n" for run in shipped)
+            write_atomic(path, lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME))
+            if self.folder is not None:
+                for run in shipped:
+                    path_of(self.folder, run["identity"]).unlink(missing_ok=True)
         return path
 
 

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
-from motion_gym.benchmarks.identity import OPTIONS, SCORING_VERSION, canonical, question, windows_identity
+from motion_gym.benchmarks.identity import (
+    OPTIONS,
+    SCORING_VERSION,
+    canonical,
+    is_of_own_code,
+    question,
+    windows_identity,
+)
 from motion_gym.benchmarks.json_schema import json_schema
 from motion_gym.benchmarks.store import parse
 from motion_gym.contract import DataError, MotionGymError
@@ -95,12 +102,12 @@ def validate(
             findings.append(Finding(_name(run), MISMATCH, "the same run is there twice"))
         asked[key] = number
     findings += [finding for run in sound for finding in _compare_identity(run)]
-    own = [run for run in sound if run["identity"].get("session")]
+    own = [run for run in sound if _is_own(run)]
     if own:
         findings.append(
             Finding(f"{len(own)} runs", UNSURE, "of predictors, adapters or domains of a user: their code is not known")
         )
-    candidates = [run for run in sound if run["identity"]["kind"] == "windows" and not run["identity"].get("session")]
+    candidates = [run for run in sound if run["identity"]["kind"] == "windows" and not _is_own(run)]
     wrong = {finding.run for finding in findings if finding.verdict == MISMATCH}
     candidates = [run for run in candidates if _name(run) not in wrong]
     chosen = np.random.default_rng(seed).permutation(len(candidates))[:recompute]
@@ -111,6 +118,11 @@ def validate(
     if rest > 0:
         findings.append(Finding(f"{rest} other runs", FINE, "form, versions and digests; not computed again"))
     return findings
+
+
+def _is_own(run: Mapping[str, Any]) -> bool:
+    identity = run["identity"]
+    return bool(identity.get("session")) or (identity["kind"] == "windows" and is_of_own_code(identity))
 
 
 def _validators() -> Mapping[str, Any]:
@@ -167,7 +179,7 @@ def _impossible(run: Mapping[str, Any]) -> str:
 def _compare_identity(run: Mapping[str, Any]) -> Iterator[Finding]:
     """Versions and digests of shipped predictors, domains and weights that differ from those here."""
     stored = run["identity"]
-    if stored["kind"] != "windows" or stored.get("session"):
+    if stored["kind"] != "windows" or _is_own(run):
         return
     options = {key: stored[key] for key in OPTIONS}
     try:

@@ -6,13 +6,13 @@ import contextlib
 import importlib.metadata
 import io
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import tyro
-from rich.console import Console
 from rich.markup import escape
 
 from motion_gym.cli.adapt import adapt
@@ -22,7 +22,7 @@ from motion_gym.cli.data import data
 from motion_gym.cli.exchange import compare, validate
 from motion_gym.cli.inspect import inspect
 from motion_gym.cli.ls import ls
-from motion_gym.cli.output import only_json
+from motion_gym.cli.output import Terminal, only_json
 from motion_gym.cli.report import report, serve
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
@@ -51,6 +51,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "weights": weights,
 }
 PURPOSE = "Test motion forecasters where they will be used."
+OWN_CODE = re.compile(r"(^|[=,])[^\W\d][\w.]*:[^\W\d]\w*($|[:,])")
+"""An argument that names ``module:Class``, which finds modules of the working folder; no other command does."""
 RESUMED = ("score", "run", "adapt", "train")
 """Commands with ``--resume``."""
 
@@ -63,8 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     if arguments and arguments[0] not in COMMANDS and not arguments[0].startswith("-"):
         _fail(f"There is no command `{arguments[0]}`.{suggest(arguments[0], COMMANDS)} See `motion-gym --help`.")
-    # module:Class finds files of the working folder.
-    sys.path.insert(0, os.getcwd())
+    if any(map(OWN_CODE.search, arguments)):
+        sys.path.insert(0, os.getcwd())
     warnings.showwarning = _show_warning
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -107,7 +109,7 @@ def _show_warning(message: Warning | str, *where: Any, **more: Any) -> None:
 
 
 def _print(text: str) -> None:
-    Console(stderr=True, emoji=False).print(text, highlight=False, soft_wrap=True)
+    Terminal(stderr=True).print(text, highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

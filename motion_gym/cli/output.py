@@ -17,14 +17,28 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from motion_gym.benchmarks import store
 from motion_gym.benchmarks.jobs import Runner
+from motion_gym.benchmarks.reports.table import visible
 from motion_gym.contract import PredictorError
 from motion_gym.data.storage import StorageError
 
 NARROWEST = 40
 """Characters; where COLUMNS says less, as 0 in some jobs, tables are as wide as in a terminal of 80."""
-console = Console(emoji=False)
+
+
+class Terminal(Console):
+    """A console on which no text of a file or a name acts on the terminal."""
+
+    def __init__(self, **options: Any):
+        super().__init__(emoji=False, **options)
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print with the control characters of texts shown as their escapes."""
+        super().print(*(visible(part) if isinstance(part, str) else part for part in objects), **options)
+
+
+console = Terminal()
 if console.width < NARROWEST:
-    console = Console(emoji=False, width=80)
+    console = Terminal(width=80)
 Out = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Text = Annotated[str | None, tyro.conf.arg(metavar="TEXT")]
 Json = Annotated[bool, tyro.conf.arg(name="json")]
@@ -45,11 +59,12 @@ def reporter(progress: Progress, title: str) -> Callable[[int, int, str], None]:
 
     It moves a bar in a terminal, and prints a line now and then elsewhere, as in the log of a job.
     """
-    task: Any = progress.add_task(escape(title), total=None)
+    task: Any = progress.add_task(escape(visible(title)), total=None)
     last = time.monotonic()
 
     def report(done: int, total: int, label: str) -> None:
         nonlocal last
+        label = visible(label)
         progress.update(task, total=total, completed=done, description=escape(label))
         if progress.disable and time.monotonic() - last >= SECONDS_BETWEEN_LINES:
             last = time.monotonic()

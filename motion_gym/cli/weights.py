@@ -1,4 +1,4 @@
-"""The command for weights that do not come with the package."""
+"""The command for weights that do not come with the installed package."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from motion_gym.training import added_weights
 
 
 def weights(
-    action: tyro.conf.Positional[Literal["ls", "add"]],
+    action: tyro.conf.Positional[Literal["ls", "add", "fetch"]],
     source: Annotated[Path | None, tyro.conf.arg(name="from", metavar="FOLDER")] = None,
 ) -> None:
-    """List or add weights that do not come with the package because of the terms of their training data.
+    """List or add weights that do not come with the installed package, because of size or terms of training data.
 
     Args:
         action: ls: list these weights, and whether they are here; add: check each file against its checksum, and copy
-            it into the data folder, where weights=auto finds it.
+            it into the data folder, where weights=auto finds it; fetch: download those that are missing, where the
+            environment variable MOTION_GYM_WEIGHTS_URL names the folder that holds them.
         source: For add: the folder that holds the files, at any depth.
     """
     if action == "ls":
@@ -28,9 +29,15 @@ def weights(
             path = added_weights.added_folder() / name
             say(f"{'here' if path.is_file() else 'missing':8}{path}")
         return
-    if source is None:
+    if action == "fetch":
+        written = added_weights.fetch()
+    elif source is None:
         raise SpecError("Where are the weights? motion-gym weights add --from DIR")
-    for path in added_weights.add(source):
+    else:
+        written = added_weights.add(source)
+    for path in written:
         say(f"Written: {path}")
-        for terms in added_weights.terms_of(path):
-            say(f"  terms of the training data: {terms}")
+    for terms in added_weights.terms_of(written):
+        say(f"  terms of the training data: {terms}")
+    if not written:
+        say("All weights are here.")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
-import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from motion_gym.catalog import suggest
-from motion_gym.contract import DataError, MotionGymError, SpecError
+from motion_gym.contract import DataError, SpecError
+from motion_gym.data.downloads import difference, download
 from motion_gym.data.known_datasets import DATASETS, DataFile, DataSet
 from motion_gym.data.storage import StorageError, data_folder, digest, write_atomic
 
@@ -89,7 +87,7 @@ def add(name: str, source_dir: str | os.PathLike[str]) -> list[FileState]:
                     file.check(path, content)
                 right[file.name] = content
             elif end == file.name or "/" in end:  # a short alias may name unrelated files
-                different.setdefault(file.name, f"{path}: {_difference(file, content)}")
+                different.setdefault(file.name, f"{path}: {difference(file, content)}")
     wrong = [message for each, message in different.items() if each not in right]
     if wrong:
         raise DataError(
@@ -116,9 +114,6 @@ def fetch(name: str, base: str | None = None) -> list[FileState]:
         DataError: A file could not be downloaded, or is not the expected one. Earlier files are kept.
         StorageError: A file could not be written to the data folder; the message names the files that were written.
     """
-    import pooch  # takes a quarter of a second, and only downloads need it
-
-    pooch.get_logger().setLevel("WARNING")  # pooch would report the temporary folder below
     missing = {state.file for state in verify(name) if state.state != "ok"}
     files = [file for file in dataset(name).files if file.name in missing]
     if base is None and any(not file.address for file in files):
@@ -126,13 +121,12 @@ def fetch(name: str, base: str | None = None) -> list[FileState]:
             f"{name} cannot be downloaded by motion-gym. Its terms: {dataset(name).terms} Get it from "
             f"{dataset(name).source}; then run `motion-gym data add {name} --from DIR`."
         )
-    address = {file.name: f"{base.rstrip('/')}/{file.name}" if base else file.address for file in files}
-    # Into a temporary folder: pooch writes files that no other user can read, which breaks shared data folders.
-    with tempfile.TemporaryDirectory() as folder:
-        registry = {file.name: f"sha256:{file.sha256}" for file in files}
-        shelf = pooch.create(folder, base_url="", registry=registry, urls=address, retry_if_failed=1)
-        for number, file in enumerate(files):
-            _write(name, file.name, _download(shelf, name, file, address[file.name]), list(registry)[:number])
+    remedy = (
+        f"Instead, get the files elsewhere ({dataset(name).source}), then run `motion-gym data add {name} --from DIR`."
+    )
+    for number, file in enumerate(files):
+        from_base = replace(file, address=f"{base.rstrip('/')}/{file.name}") if base else file
+        _write(name, file.name, download(from_base, remedy), [file.name for file in files[:number]])
     return verify(name)
 
 
@@ -159,7 +153,7 @@ def locate(name: str, file: str) -> Path:
     if row.state == "missing":
         inside = f" ({data_folder() / file} exists: MOTION_GYM_DATA must name the folder above it.)"
         raise DataError(f"{row.path} is missing.{inside if (data_folder() / file).exists() else ''} {remedy}")
-    raise DataError(f"{row.path} is damaged: {_difference(files[file], _bytes(row.path))}. {remedy}")
+    raise DataError(f"{row.path} is damaged: {difference(files[file], _bytes(row.path))}. {remedy}")
 
 
 _verified: set[tuple[str, int, int, str]] = set()
@@ -193,60 +187,6 @@ def _write(name: str, file: str, content: bytes, before: list[str]) -> None:
         failure = StorageError(f"{error} Of {name}, {written}; then run the same command again.")
         failure.errno = error.errno
         raise failure from error
-
-
-def _download(shelf: Any, name: str, file: DataFile, address: str) -> bytes:
-    """The content of a file, downloaded by a Pooch that knows its checksum."""
-    import pooch
-    import requests
-
-    def download(url: str, path: str, shelf: Any) -> None:
-        pooch.HTTPDownloader(timeout=30)(url, path, shelf)
-        content = _bytes(Path(path))
-        if digest(content) != file.sha256:  # first, so that the message says how the file differs
-            raise DataError(f"{address} is not the expected {file.name}: {_difference(file, content)}. {remedy}")
-
-    remedy = (
-        f"Instead, get the files elsewhere ({DATASETS[name].source}), then run `motion-gym data add {name} --from DIR`."
-    )
-    try:
-        return _bytes(Path(shelf.fetch(file.name, downloader=download)))
-    except requests.HTTPError as error:
-        status = str(error).partition(" for url")[0]
-        raise DataError(f"{file.name} could not be downloaded: {address} answered {status}. {remedy}") from None
-    except requests.RequestException as error:
-        # The system's own words ("Connection refused") are the last thing in a chain of wrapped messages.
-        system = re.search(r"\[Errno -?\d+\] ([\w ,']+)", str(error))
-        raise DataError(
-            f"{file.name} could not be downloaded: {address}: the network or the server was not reachable "
-            f"({system[1] if system else type(error).__name__}). {remedy}"
-        ) from None
-    except MotionGymError:
-        raise
-    except OSError as error:
-        raise StorageError(
-            f"{file.name} could not be written to {tempfile.gettempdir()}: {error.strerror or error}. "
-            "Free space there, or set TMPDIR to another folder."
-        ) from None
-
-
-def _difference(file: DataFile, content: bytes) -> str:
-    """Expected and actual size and checksum, and the most likely cause."""
-    unix = content.replace(b"\r\n", b"\n")
-    if file.sha256 in (digest(unix), digest(unix.replace(b"\n", b"\r\n"))):
-        cause = "its line endings were converted (by git or an editor)"
-    elif content.startswith(b"version https://git-lfs"):
-        cause = "it is a Git LFS pointer, not the file itself"
-    elif content.lstrip().startswith(b"<"):
-        cause = "it is a web page, saved in place of the file"
-    elif len(content) < file.size:
-        cause = "it was truncated (an interrupted copy or download)"
-    else:
-        cause = "it was edited, or is another version"
-    return (
-        f"expected {file.size} bytes with sha256 {file.sha256}, found {len(content)} bytes with sha256 "
-        f"{digest(content)}; probably {cause}"
-    )
 
 
 def _bytes(path: Path) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import functools
 import hashlib
 import json
@@ -112,6 +113,21 @@ def _remove_leftovers(folder: Path) -> None:
         with contextlib.suppress(OSError):  # another process may remove it first
             if LEFTOVER.fullmatch(old.name) and time.time() - old.stat().st_mtime > LEFTOVER_AGE:
                 old.unlink()
+
+
+@contextlib.contextmanager
+def exclusive(folder: Path) -> Iterator[None]:
+    """Wait until no other process holds a folder, and hold it: for changes that begin with what a file holds.
+
+    The system lets go of it when a process ends. Nothing is held on a file system without locks.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def check_writable(folder: Path) -> None:

@@ -142,11 +142,15 @@ def _key(make: bool) -> bytes | None:
         if not make:
             return None
         path.parent.mkdir(parents=True, exist_ok=True)
-        with (
-            contextlib.suppress(FileExistsError),  # another process was first
-            open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file,
-        ):
-            file.write(secrets.token_bytes(32))
+        # Written under another name, so that no process ever reads a part of a key.
+        temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+        try:
+            with open(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+                file.write(secrets.token_bytes(32))
+            with contextlib.suppress(FileExistsError):  # another process was first
+                os.link(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
     if path.stat().st_mode & 0o077 or path.stat().st_uid != os.getuid():
         raise PermissionError(f"{path} must belong to this user, who alone may read it: delete it.")
     key = path.read_bytes()

@@ -1,14 +1,25 @@
-"""Weights that do not come with the package because of the terms of their training data; only their cards do."""
+"""Weights that do not come with the installed package: their size, or the terms of their training data, forbid it.
+
+Their cards are in the package.
+"""
 
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from motion_gym import catalog
 from motion_gym.contract import PredictorError
+from motion_gym.data.downloads import download
+from motion_gym.data.known_datasets import DataFile
 from motion_gym.data.storage import data_folder, digest, write_atomic
 from motion_gym.training.plans import WEIGHTS
+
+ADDRESS = "MOTION_GYM_WEIGHTS_URL"
+"""Environment variable: URL of a folder that holds weights under their names, such as ``sdd/heatmap.safetensors``."""
+ADD = "`motion-gym weights add --from DIR`"
 
 
 def added_folder() -> Path:
@@ -61,13 +72,44 @@ def add(source: Path) -> list[Path]:
         )
     if not files:
         raise PredictorError(f"None of the weights is in {source} or below. Looked for: {', '.join(cards)}.")
+    return [_write(name, cards[name], content) for name, content in files.items()]
+
+
+def fetch() -> list[Path]:
+    """Download the weights that are missing or of another version, from the address in ``MOTION_GYM_WEIGHTS_URL``.
+
+    Returns:
+        The written files.
+
+    Raises:
+        PredictorError: no address is set.
+        DataError: a file could not be downloaded, or has not the checksum of its card. Earlier files are kept.
+        StorageError: a file could not be written.
+    """
+    base = os.environ.get(ADDRESS, "").rstrip("/")
+    if not base:
+        raise PredictorError(
+            f"No address of weights is known: set {ADDRESS} to the URL of a folder that holds them, or run {ADD}."
+        )
     written = []
-    for name, content in files.items():
-        path = added_folder() / name
-        write_atomic(path.with_suffix(".json"), cards[name].read_bytes())
-        write_atomic(path, content)
-        written.append(path)
+    for name, card in left_out().items():
+        if not _is_here(name, card):
+            file = DataFile(name, json.loads(card.read_bytes())["sha256"], 0, f"{base}/{name}")
+            written.append(_write(name, card, download(file, f"If you have the weights in a folder, run {ADD}.")))
     return written
+
+
+def _write(name: str, card: Path, content: bytes) -> Path:
+    path = added_folder() / name
+    write_atomic(path.with_suffix(".json"), card.read_bytes())
+    write_atomic(path, content)
+    return path
+
+
+def _is_here(name: str, card: Path) -> bool:
+    """Whether weights were added, and are those of a card in the package."""
+    path = added_folder() / name
+    return path.is_file() and digest(path.read_bytes()) == json.loads(card.read_bytes())["sha256"]
 
 
 def path_of_added(name: str, row: str, weights: str) -> Path:
@@ -82,18 +124,21 @@ def path_of_added(name: str, row: str, weights: str) -> Path:
         PredictorError: the file was not added, or belongs to another version of the package.
     """
     path = added_folder() / name
-    command = "get them, then run `motion-gym weights add --from DIR`"
     if not path.is_file():
         raise PredictorError(
-            f"The weights `{weights}` of {row} do not come with the package because of the terms of their training "
-            f"data: {command}. ({path} is missing.)"
+            f"The weights `{weights}` of {row} do not come with the package: get them, for example from the folder "
+            f"motion_gym/weights of the repository, then run {ADD}; or `motion-gym weights fetch` where {ADDRESS} "
+            f"names an address. ({path} is missing.)"
         )
-    if path.with_suffix(".json").read_bytes() != left_out()[name].read_bytes():
-        raise PredictorError(f"{path} are weights of another version of motion-gym: {command} again.")
+    if path.with_suffix(".json").read_bytes() != (WEIGHTS / name).with_suffix(".json").read_bytes():
+        raise PredictorError(
+            f"{path} are weights of another version of motion-gym: get those of this version, then run {ADD} again."
+        )
     return path
 
 
-def terms_of(path: Path) -> list[str]:
-    """Terms of the data sets that weights were trained on, from their card."""
-    card = json.loads(path.with_suffix(".json").read_bytes())
-    return list(dict.fromkeys(catalog.domain(spec).card.terms for spec in card["trained_on"]))
+def terms_of(paths: Iterable[Path]) -> list[str]:
+    """Terms of the data sets that weights were trained on, from their cards."""
+    cards = [json.loads(path.with_suffix(".json").read_bytes()) for path in paths]
+    specs = dict.fromkeys(spec for card in cards for spec in card["trained_on"])
+    return list(dict.fromkeys(catalog.domain(spec).card.terms for spec in specs))

@@ -20,11 +20,11 @@ from motion_gym.training import added_weights
 from motion_gym.training.plans import WEIGHTS
 
 SHIPPED = WEIGHTS
-"""Folder of the weights that come with the package: a folder for each benchmark, a file for each of its rows."""
+"""Folder of the shipped weights and their cards: a folder for each benchmark, a file for each of its rows."""
 
 
 def locate(weights: str, row: str) -> Path:
-    """File of weights, by name or path; weights that do not come with the package are those that were added.
+    """File of weights, by name or path; shipped weights that are not in the package are those that were added.
 
     Args:
         weights: Path of a ``.safetensors`` file, or name of a benchmark with shipped weights (``spurious``).
@@ -38,6 +38,16 @@ def locate(weights: str, row: str) -> Path:
         if not path.is_file():
             raise PredictorError(f"There is no file {path}: weights are a .safetensors and a .json.")
         return path
+    path = shipped(weights, row)
+    return path if path.is_file() else added_weights.path_of_added(path.relative_to(SHIPPED).as_posix(), row, weights)
+
+
+def shipped(weights: str, row: str) -> Path:
+    """Path of shipped weights in the package. Their card is there, even where the weights must be added.
+
+    Raises:
+        PredictorError: no such weights ship.
+    """
     names = {p.parent.relative_to(SHIPPED).as_posix() for p in SHIPPED.rglob("*.json")}
     if weights not in names:
         raise PredictorError(
@@ -45,9 +55,7 @@ def locate(weights: str, row: str) -> Path:
             f"{suggest(weights, names)}"
         )
     path = SHIPPED / weights / file_name(row)
-    if (name := path.relative_to(SHIPPED).as_posix()) in added_weights.left_out():
-        return added_weights.path_of_added(name, row, weights)
-    if not path.is_file():
+    if not path.with_suffix(".json").is_file():
         rows = [p.stem.replace("-", ":", 1) for p in path.parent.glob("*.json")]
         raise PredictorError(
             f"The weights `{weights}` have no `{row}`.{suggest(row, rows)} Train it: motion-gym train {row} "

@@ -13,12 +13,13 @@ import pytest
 
 import motion_gym
 from motion_gym.benchmarks import store as stores
-from motion_gym.benchmarks.identity import windows_identity
+from motion_gym.benchmarks.identity import QUESTION, windows_identity
 from motion_gym.benchmarks.jobs import Job, Runner
 from motion_gym.benchmarks.run_schema import problem_of
 from motion_gym.benchmarks.store import Store, read_folder
 from motion_gym.contract import DataError
 from motion_gym.scoring.evaluation import evaluate
+from tests.hostile import TEXTS
 
 CROWD = motion_gym.domain("orca", d=0.6, scenes=30)
 
@@ -207,6 +208,35 @@ def test_packed_runs_are_the_same_and_their_small_files_go(tmp_path):
     os.utime(path)
     again.pack(tmp_path)
     assert path.read_bytes() == first  # no time in it
+
+
+def test_packing_keeps_the_runs_that_another_process_has_packed_since(tmp_path):
+    first, second = (Store("small", tmp_path / "small", shipped=tmp_path / "nowhere") for _ in range(2))
+    scored(first)
+    scored(second, "constant_velocity")
+    first.pack(tmp_path)
+    second.pack(tmp_path)
+    names = {run["predictor"] for run in Store("small", tmp_path / "small", shipped=tmp_path / "nowhere").runs.values()}
+    assert names == {"stand_still", "constant_velocity"} and not list((tmp_path / "small").glob("*.json"))
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_a_run_lies_in_its_folder_whatever_its_name(tmp_path, text):
+    identity = {"kind": "windows", "predictor": text, "domain": text}
+    path = stores.path_of(tmp_path, {**dict.fromkeys(QUESTION["windows"]), **identity})
+    assert path.parent == tmp_path and len(path.name) < 200 and path.suffix == ".json"
+
+
+def test_a_value_of_another_type_is_named(tmp_path):
+    run = scored(Store(None, tmp_path))
+    for key, value, problem in (
+        ("finished", True, "no text"),
+        ("command", {}, "no list"),
+        ("versions", 3, "no object"),
+    ):
+        changed = {**run, "provenance": {**run["provenance"], key: value}}
+        assert problem_of(changed) == f"its `provenance.{key}` is {problem}"
+    assert problem_of({**run, "seconds": "1"}) == "its `seconds` is no number"
 
 
 def test_a_damaged_packed_file_is_an_error_that_names_it(tmp_path):

@@ -21,6 +21,7 @@ from motion_gym.benchmarks.reports.table import (
     spread,
 )
 from motion_gym.contract import SpecError
+from tests.hostile import TEXTS
 
 TABLE = Table(
     "A title",
@@ -71,6 +72,16 @@ def test_markdown_holds_no_marker_that_a_name_smuggles_in():
     marker = "<!-- results end -->"
     text = Table("t", [marker], [[marker], [Code(marker)]], [marker]).markdown()
     assert marker not in text and text.count("results end") == 4
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_no_text_acts_in_markdown_or_on_a_terminal(text):
+    table = Table(text, ["a", text], [[text, Code(text)], [Strong(text), "b"]], [text], text)
+    markdown = re.sub(r"`[^`\n]*`", "", table.markdown())
+    assert not re.search(r"<(?=[A-Za-z/!])|^# |\n# |[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", markdown)
+    lines = [line for line in table.markdown().split("\n") if line.startswith("| ")]
+    assert len(lines) == 4 and {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {3}
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", printed(table, 200))
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])

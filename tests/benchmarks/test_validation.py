@@ -83,6 +83,18 @@ def test_a_consistent_lie_is_found_by_computing_again(run):
     assert verdicts(changed, recompute=0) == {validation.FINE}
 
 
+def test_no_code_is_run_because_a_result_names_it(run, tmp_path):
+    mark = tmp_path / "mark"
+    for predictor, domain in ((f"os:system:command='touch {mark}'", DOMAIN), ("constant_velocity", "os:system:a=1")):
+        changed = copy.deepcopy(run)
+        changed["predictor"] = changed["identity"]["predictor"] = predictor
+        changed["identity"]["domain"] = domain
+        findings = validation.validate([changed])
+        assert [f.verdict for f in findings] == [validation.UNSURE] and "of a user" in findings[0].reason
+        comparison.compare_results([changed], [changed])
+    assert not mark.exists()
+
+
 def test_runs_twice_and_contents_that_are_no_runs_are_named(run, tmp_path):
     assert validation.MISMATCH in verdicts(run, run, recompute=0)
     for content in ({}, [], None, 3, {"identity": {"kind": []}}, {"identity": {"kind": "windows"}}):

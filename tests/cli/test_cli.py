@@ -13,7 +13,7 @@ import pytest
 
 from motion_gym import catalog
 from motion_gym.benchmarks.running import BENCHMARKS
-from motion_gym.cli.main import main
+from motion_gym.cli.main import OWN_CODE, main
 from motion_gym.data import datasets
 from motion_gym.metrics.errors import METRICS
 from tests.cli.command_line import call, fail, rows, shell
@@ -60,6 +60,23 @@ def test_an_interrupted_command_says_how_to_go_on(folder):
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130 and "Traceback" not in err
     assert "Stopped." in err and "the same command with --resume goes on" in err
+
+
+def test_no_module_of_the_working_folder_is_imported_unless_an_argument_names_one(folder, tmp_path):
+    """As the installed script starts, in a folder with a file that has the name of a library."""
+    (folder / "jsonschema.py").write_text("raise SystemExit('harm')")
+    (tmp_path / "start.py").write_text("from motion_gym.cli.main import main\nmain()")
+    (folder / "a.json").write_text("{}")
+    for line, status in (("validate a.json", 1), ("score own_things:Standing --domain orca:scenes=20", 0)):
+        command = [sys.executable, tmp_path / "start.py", *shlex.split(line)]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == status and "harm" not in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("text", ["own:Class", "finetune:of=own:Class", "--predictor=own:Class", "a.b:C:x=1"])
+def test_arguments_that_name_code_are_known(text):
+    assert OWN_CODE.search(text)
+    assert not any(map(OWN_CODE.search, ("orca:d=0.6", "linear:sigma=true", "kalman:of=modular:seed=1", "out/x.json")))
 
 
 def test_module_and_script_start_in_a_shell(folder):

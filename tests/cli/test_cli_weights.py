@@ -1,6 +1,9 @@
 """Weights that do not come with the package: listed, added with checksums, found, and named where they are missing."""
 
+import functools
+import http.server
 import json
+import threading
 
 import pytest
 import torch
@@ -61,5 +64,39 @@ def test_weights_of_another_version_are_refused(capsys, package, no_data, tmp_pa
     call(capsys, f"weights add --from {tmp_path / 'elsewhere'}")
     card = (package / NAME).with_suffix(".json")
     card.write_text(json.dumps({**json.loads(card.read_bytes()), "sha256": "0" * 64}))
-    with pytest.raises(PredictorError, match="another version of motion-gym: get them, then run `motion-gym weights"):
+    with pytest.raises(PredictorError, match="another version of motion-gym: get those of this version"):
         catalog.predictor("heatmap:weights=sdd")
+
+
+def test_weights_are_fetched_where_an_address_is_configured(capsys, package, no_data, tmp_path, monkeypatch):
+    assert "set MOTION_GYM_WEIGHTS_URL" in fail(capsys, "weights fetch").err
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=tmp_path / "elsewhere")
+    monkeypatch.setattr(http.server.SimpleHTTPRequestHandler, "log_message", lambda *_: None)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        monkeypatch.setenv("MOTION_GYM_WEIGHTS_URL", f"http://127.0.0.1:{server.server_address[1]}/")
+        assert f"Written: {no_data / 'weights' / NAME}" in call(capsys, "weights fetch")
+        assert call(capsys, "weights fetch") == "All weights are here.\n"
+        (no_data / "weights" / NAME).write_bytes(b"damaged")
+        assert f"Written: {no_data / 'weights' / NAME}" in call(capsys, "weights fetch")
+        path = tmp_path / "elsewhere" / NAME
+        path.write_bytes(path.read_bytes()[:-1])
+        (no_data / "weights" / NAME).unlink()
+        assert "is not the expected sdd/heatmap.safetensors" in fail(capsys, "weights fetch").err
+        server.shutdown()
+    assert "motion-gym weights add --from DIR" in fail(capsys, "weights fetch").err
+    assert not (no_data / "weights" / NAME).exists()
+
+
+def test_auto_does_not_take_other_weights_in_place_of_missing_ones(package, monkeypatch):
+    """Which weights are chosen depends on the shipped cards, not on what is installed."""
+    for folder, place in (("spurious", "eth"), ("spurious/hotel", "hotel")):
+        card = package / folder / "erm.json"
+        card.parent.mkdir(parents=True, exist_ok=True)
+        others = [f"{other}:alpha=1" for other in ("eth", "hotel", "zara1") if other != place]
+        card.write_text(json.dumps({"predictor": "erm", "seeds": [0], "trained_on": others, "dt": 0.4}))
+    predictor = catalog.predictor("erm")
+    predictor.choose_weights([catalog.domain("hotel:alpha=8")])
+    assert predictor.chosen == "spurious/hotel" and not predictor.fitted
+    with pytest.raises(PredictorError, match="`spurious/hotel` of erm do not come with the package"):
+        predictor.trained_on  # noqa: B018

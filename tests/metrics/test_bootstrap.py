@@ -227,6 +227,12 @@ def test_bad_arguments_are_named(change, message):
 def test_pairs_must_fit():
     with pytest.raises(SpecError, match=r"\(1, 3\) and \(1, 4\)"):
         paired_difference(np.zeros(3), np.zeros(4), np.arange(3))
+    for a, b in (((1, 1, 3), (3,)), ((3,), (1, 1, 3)), ((2, 3), (3, 3))):
+        with pytest.raises(SpecError, match="have shapes"):
+            paired_difference(np.zeros(a), np.zeros(b), np.arange(3))
+    for infinite in ((np.inf, 0.0), (0.0, np.inf)):
+        with pytest.raises(SpecError, match="infinite"):
+            paired_difference(*(np.full(2, value) for value in infinite), np.arange(2))
     with pytest.raises(SpecError, match="infinite"):
         paired_difference(np.array([np.inf, 1.0]), np.array([np.inf, 2.0]), np.arange(2))
 
@@ -281,3 +287,14 @@ def test_constant_velocity_on_eth():
     for seed in range(3):
         one = summarise(metrics.score(forecast, truth), truth.observation, seed=seed)["ADE"]
         assert (one.low, one.high) == (pytest.approx(0.666, abs=0.01), pytest.approx(1.415, abs=0.02))
+
+
+def test_a_summary_has_the_interval_of_its_options():
+    rng = np.random.default_rng(5)
+    observation = Observation(np.zeros((9, 8, 2), np.float32), np.array([0, 4, 9]), np.arange(9) % 5, 0.4)
+    values = rng.normal(size=9)
+    for level, replicates, seed in ((0.5, 30, 3), (0.9, 77, 1)):
+        result = summarise({"ADE": values}, observation, level, replicates, seed)["ADE"]
+        expected = clustered_interval(values, observation.agent, level, replicates, seed)
+        assert (result.mean, result.low, result.high) == expected and result.replicates == replicates
+    assert summarise({"ADE": values}, observation)["ADE"].replicates == bootstrap.replicates_for(5)

@@ -78,6 +78,7 @@ def test_metrics_that_hold_a_length_in_metres_are_left_out_of_other_units(k):
     assert not {name for name in pixels if name.startswith(("MR", "collision", "KDE"))}
     assert set(metres) - set(pixels) == {n for n in metres if n.startswith(("MR", "collision", "KDE"))}
     assert {row.unit for row in metrics.metric_rows(k, "px")} == {"px"}
+    assert {row.unit for row in metrics.metric_rows(k) if row.name.startswith(("MR", "collision"))} == {"1"}
     for name, values in pixels.items():
         np.testing.assert_array_equal(values, metres[name])
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym
@@ -234,7 +234,7 @@ def test_extent_holds_all_positions_and_no_more(places):
 def test_latest_paths_are_the_last_forecasts_of_those_who_stayed(places):
     clock = StreamClock(places)
     step = clock.reset()
-    assert clock.latest_paths().shape[0] == 0
+    assert clock.latest_paths().shape == (0, 1, 13, 2)
     while len(step.observation):
         names, now, last = step.identity.tolist(), clock.time, step.observation.xy[:, -1]
         positions = positions_for(names, now)
@@ -244,6 +244,38 @@ def test_latest_paths_are_the_last_forecasts_of_those_who_stayed(places):
         if stayed:
             np.testing.assert_allclose(clock.latest_paths(), expected, rtol=1e-6)
         assert all(now - stored.made < 12 for stored in clock.ledger)
+
+
+@settings(max_examples=10, deadline=None)
+@given(recordings())
+def test_what_is_known_so_far_are_the_positions_up_to_now(places):
+    clock = StreamClock(places)
+    step = clock.reset()
+    assert clock.so_far() is None
+    path, settled = {}, set()
+    while len(step.observation):
+        now, names = clock.time, step.identity.tolist()
+        path |= {(name, now): place for name, place in zip(names, step.observation.xy[:, -1], strict=True)}
+        truth = clock.so_far()
+        waiting = [(name, stored.made) for stored in clock.ledger for name in stored.observation.agent.tolist()]
+        assert (truth is None) == (not waiting)
+        if truth is not None:
+            assert truth.observation.agent.tolist() == [name for name, _ in waiting]
+            for (name, made), future, known in zip(waiting, truth.future, truth.known, strict=True):
+                expected = [(name, made + ahead) in path for ahead in range(1, 13)]
+                assert known.tolist() == expected
+                places_then = [path[name, made + ahead + 1] for ahead in np.flatnonzero(known).tolist()]
+                assert np.array_equal(future[known], np.reshape(places_then, (-1, 2)))
+        step = clock.step(Forecast(positions_for(names, now)))
+        if step.settled is not None:
+            settled |= set(step.settled.made.tolist())
+        assert settled.isdisjoint(stored.made for stored in clock.ledger)
+
+
+def test_the_extent_of_nothing_is_the_unit_square():
+    nothing = Recording(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), 0.4)
+    for clock in (StreamClock([nothing]), WindowsClock(windows_of([nothing]))):
+        assert clock.extent.tolist() == [[0, 0], [1, 1]]
 
 
 def test_an_agent_lost_for_one_frame_is_a_new_agent_but_the_same_person():

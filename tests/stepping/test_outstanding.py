@@ -45,6 +45,18 @@ def test_what_is_known_so_far_leaves_it_waiting(waiting):
     assert [stored.made for stored in waiting] == [3, 5]
 
 
+def test_matured_forecasts_keep_the_time_and_the_step_of_their_scenes():
+    waiting = Outstanding(keep=True)
+    for at, known in ((3, 12), (5, 4), (6, 12)):
+        seen = dataclasses.replace(observation(seed=at), dt=0.5, time=np.array([at]))
+        waiting.store(at, seen, forecast(seed=at))
+        waiting.settle(at, np.zeros((2, 12, 2)), np.arange(12) < [[known], [12]])
+    stored, truth = waiting.matured_only()
+    assert truth.observation.dt == 0.5 and truth.observation.time.tolist() == [3, 5, 6]
+    assert truth.observation.agent.tolist() == [10, 11, 11, 10, 11] and len(stored.positions) == 5
+    assert (waiting.matured, waiting.censored) == (5, 1)
+
+
 def test_what_was_stored_is_out_of_reach():
     waiting, seen, stored = Outstanding(), observation(), forecast()
     waiting.store(0, seen, stored)

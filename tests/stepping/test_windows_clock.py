@@ -43,6 +43,10 @@ def test_windows_clock_visits_exactly_the_windows(sizes, samples):
                 errors = [np.hypot(*(path[t] - future[agent, t])) for t in range(12) if known[agent, t]]
                 assert reward == pytest.approx(-np.mean(errors) if errors else 0, rel=1e-12)
             assert step.settled.made.tolist() == [window] * len(here)
+            assert step.settled.identity.tolist() == list(here)
+            assert step.settled.matured.tolist() == known[list(here)].all(axis=1).tolist()
+            np.testing.assert_array_equal(step.settled.truth.future, future[list(here)])
+            np.testing.assert_array_equal(step.settled.forecast.positions[:, 0], points.astype(np.float32))
             assert step.settled.person.tolist() == observation.agent[list(here)].tolist()
 
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from motion_gym.contract import DataError
-from motion_gym.data.storage import atomic_file
+from motion_gym.data.storage import atomic_file, exclusive
 
 BEGIN, END = "<!-- results: {name} -->", "<!-- results end -->"
 
@@ -23,16 +23,18 @@ def insert(path: Path, name: str, text: str) -> bool:
     Raises:
         DataError: the file has no such markers, or cannot be read.
     """
-    content, pattern = check_markers(path, name)
-    newline = "\r\n" if "\r\n" in content else "\n"
-    lines = text.replace("<!-- results", "&lt;!-- results").splitlines()
-    block = newline.join([BEGIN.format(name=name), *lines, END])
-    new = pattern.sub(lambda _: block, content)
-    if new != content:
-        target = path.resolve()  # a link stays a link
-        with atomic_file(target) as file:
-            os.chmod(file.name, target.stat().st_mode & 0o7777)
-            file.write(new.encode())
+    check_markers(path, name)
+    target = path.resolve()  # a link stays a link
+    with exclusive(target.parent):
+        content, pattern = check_markers(path, name)
+        newline = "\r\n" if "\r\n" in content else "\n"
+        lines = text.replace("<!-- results", "&lt;!-- results").splitlines()
+        block = newline.join([BEGIN.format(name=name), *lines, END])
+        new = pattern.sub(lambda _: block, content)
+        if new != content:
+            with atomic_file(target) as file:
+                os.chmod(file.name, target.stat().st_mode & 0o7777)
+                file.write(new.encode())
     return new != content
 
 

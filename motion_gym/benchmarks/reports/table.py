@@ -20,6 +20,10 @@ WIDE = 100
 """Width of the terminal, in characters, from which on a mean and its interval are on one line."""
 
 
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+"""Characters that act on a terminal, or turn the direction of the text."""
+
+
 class Code(str):
     """Text of a cell that is shown as code, such as a spec."""
 
@@ -57,6 +61,8 @@ class Table:
                     f"Table `{self.title}` has {len(self.columns)} columns, and the row {list(row)} has {len(row)} "
                     "cells: give one cell for each column."
                 )
+        for name in ("title", "columns", "rows", "notes", "caption"):
+            object.__setattr__(self, name, _plain_text(getattr(self, name)))
 
     def markdown(self, heading: int = 3) -> str:
         """The table as Markdown.
@@ -64,12 +70,13 @@ class Table:
         Args:
             heading: Level of the heading; 0 writes the title in bold before the caption, as in a README.
         """
-        title = f"{'#' * heading} {self.title}" if heading else f"**{self.title}.** {self.caption}".rstrip()
-        parts = [title] if self.title else []
-        parts += [self.caption] if heading and self.caption else []
+        named, caption = _one_line(self.title), _one_line(self.caption)
+        title = f"{'#' * heading} {named}" if heading else f"**{named}.** {caption}".rstrip()
+        parts = [title] if named else []
+        parts += [caption] if heading and caption else []
         lines = [self.columns, ["---"] * len(self.columns), *self.rows]
         parts.append("\n".join(f"| {' | '.join(_markdown(cell) for cell in line)} |" for line in lines))
-        parts += ["\n".join(f"- {_plain(note)}." for note in self.notes)] if self.notes else []
+        parts += ["\n".join(f"- {_one_line(note)}." for note in self.notes)] if self.notes else []
         return "\n\n".join(parts)
 
     def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
@@ -99,6 +106,19 @@ class Table:
         yield Text()
 
 
+def _plain_text(value: Any) -> Any:
+    """Texts, in lists or not, in which no character acts on a terminal or ends a line, but for the lines of a cell."""
+    if isinstance(value, str):
+        kind = type(value)
+        return kind(visible(value) if kind is str else visible(value).replace("\n", " "))
+    return [_plain_text(part) for part in value]
+
+
+def visible(text: str) -> str:
+    """Text whose control characters are shown as their escapes, except line breaks and tabs."""
+    return CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
+
+
 def _fitting(columns: Sequence[list[str]], width: int) -> list[list[list[str]]]:
     """Columns in groups that fit a width; each group begins with the first column."""
     first, *others = columns
@@ -121,13 +141,13 @@ def _markdown(cell: str) -> str:
     if isinstance(cell, Code):
         text = cell.replace("`", "'").replace("<!--", "&lt;!--").replace("|", r"\|")
         return f"`{text}`"
-    text = _plain(cell).replace("|", r"\|").replace("\n", " ")
+    text = _one_line(cell).replace("|", r"\|")
     return f"**{text}**" if isinstance(cell, Strong) else text
 
 
-def _plain(text: str) -> str:
-    """Text without HTML tags and comments, so that it contains no marker of a file."""
-    return re.sub(r"<(?=[A-Za-z/!])", "&lt;", text)
+def _one_line(text: str) -> str:
+    """Text in one line, without HTML tags and comments, so that it contains no marker of a file."""
+    return re.sub(r"<(?=[A-Za-z/!?])", "&lt;", text.replace("\n", " "))
 
 
 def number(value: float | None, sign: bool = False) -> str:
