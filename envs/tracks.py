@@ -14,7 +14,7 @@ import numpy as np
 from motion_gym.contract import WINDOW, DataError, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain
 from motion_gym.data.storage import digest
-from motion_gym.data.track_files import Reading, TrackFile, find_files, read_track_files
+from motion_gym.data.tracks.track_files import Reading, TrackFile, find_files, read_track_files
 from motion_gym.data.windows import Tracks as Cut
 from motion_gym.specs import format_spec, three_shares, whole_number
 

@@ -17,12 +17,12 @@ from motion_gym import catalog
 from motion_gym.checks import track_measurements as measure
 from motion_gym.checks.track_measurements import Finding, Steps
 from motion_gym.contract import DataError, Domain, Recording, SpecError
-from motion_gym.data.column_names import FLAGS, plain_name
 from motion_gym.data.domains import spec_of
 from motion_gym.data.storage import digest
-from motion_gym.data.tables import Table
-from motion_gym.data.track_columns import unknown_unit
-from motion_gym.data.track_files import METRES, TrackFile, units_in_headers, usual_frames
+from motion_gym.data.tracks.column_names import FLAGS, plain_name
+from motion_gym.data.tracks.tables import Table
+from motion_gym.data.tracks.track_columns import unknown_unit
+from motion_gym.data.tracks.track_files import METRES, TrackFile, units_in_headers, usual_frames
 from motion_gym.data.windows import counts
 from motion_gym.scoring.cards import is_shipped
 

@@ -13,8 +13,8 @@ from typing import NoReturn
 import numpy as np
 
 from motion_gym.contract import DataError
-from motion_gym.data.table_files import content_of
-from motion_gym.data.tables import NUMBER, short
+from motion_gym.data.tracks.table_files import content_of
+from motion_gym.data.tracks.tables import NUMBER, short
 
 VIDEOS: Mapping[str, int] = {
     "bookstore": 7, "coupa": 4, "deathCircle": 5, "gates": 9, "hyang": 15, "little": 4, "nexus": 12, "quad": 4

@@ -12,9 +12,9 @@ import numpy as np
 from motion_gym.catalog import whole_number
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, DataError, Observation, Recording, Truth
 from motion_gym.data import storage
-from motion_gym.data.frame_times import usual_distance
 from motion_gym.data.recordings import check_recording
 from motion_gym.data.scene_images import SceneImage
+from motion_gym.data.tracks.frame_times import usual_distance
 
 Features = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(positions [A, 20, 2] float64, known [A, 20] bool) -> history [A, 8, F]; positions are zero where not known."""

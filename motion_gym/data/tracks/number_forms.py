@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from motion_gym.data.tables import DELIMITERS, MISSING, Table
+from motion_gym.data.tracks.tables import DELIMITERS, MISSING, Table
 
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")
 _BELOW = re.compile(r"[+-]?\d{1,3}")

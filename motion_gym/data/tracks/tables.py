@@ -1,6 +1,6 @@
 """Tables from files: the fields of every row, column by column, with the number of each line.
 
-``motion_gym.data.table_files`` reads them; what a column means is decided in ``motion_gym.data.track_columns``.
+``table_files`` reads them, and ``track_columns`` decides what a column means.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, SpecError
-from motion_gym.data.tables import DATE, DECIMAL_COMMA, DELIMITERS, NUMBER, Table, short
+from motion_gym.data.tracks.tables import DATE, DECIMAL_COMMA, DELIMITERS, NUMBER, Table, short
 
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 SAMPLE = 1000

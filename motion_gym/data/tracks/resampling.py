@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motion_gym.contract import WINDOW, SpecError
-from motion_gym.data.frame_times import Clock
+from motion_gym.data.tracks.frame_times import Clock
 
 WHOLE = 0.005
 """A step is a whole number of frames if it is one but for this share, as 12 frames of 29.97 a second are 0.4 s."""

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from motion_gym.contract import DataError, MotionGymError, SpecError
-from motion_gym.data.swapped_columns import swap_evidence
-from motion_gym.data.table_files import read_table
-from motion_gym.data.track_columns import find_columns, parse_columns, plain_name, role_of
+from motion_gym.data.tracks.swapped_columns import swap_evidence
+from motion_gym.data.tracks.table_files import read_table
+from motion_gym.data.tracks.track_columns import find_columns, parse_columns, plain_name, role_of
 
 
 def table_of(tmp_path, text):

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motion_gym.contract import DataError, MotionGymError, SpecError
-from motion_gym.data.frame_times import RawTimes, clock_of, read_times
-from motion_gym.data.resampling import resample
-from motion_gym.data.table_files import read_table
+from motion_gym.data.tracks.frame_times import RawTimes, clock_of, read_times
+from motion_gym.data.tracks.resampling import resample
+from motion_gym.data.tracks.table_files import read_table
 
 quick = settings(deadline=None, max_examples=40)
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from motion_gym.contract import DataError, SpecError
-from motion_gym.data.column_names import FLAGS, LENGTHS, ROLES, TIME_UNITS, plain_name, role_of, time_unit
-from motion_gym.data.tables import Table, short
+from motion_gym.data.tracks.column_names import FLAGS, LENGTHS, ROLES, TIME_UNITS, plain_name, role_of, time_unit
+from motion_gym.data.tracks.tables import Table, short
 from motion_gym.specs import suggest
 
 HOW = "Say which columns hold frame (or time), id, x and y"

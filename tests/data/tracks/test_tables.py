@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from motion_gym.contract import DataError, SpecError
-from motion_gym.data.table_files import read_table
+from motion_gym.data.tracks.table_files import read_table
 
 here = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
 ROWS = [(0, "ped 3", 1.5, -2.25), (0, "ped 7", 0.125, 3.0), (10, "ped 3", 1.75, -2.5)]

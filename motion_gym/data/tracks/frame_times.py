@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from motion_gym.contract import DataError
-from motion_gym.data.column_names import TIME_UNITS, role_of, time_unit
-from motion_gym.data.dates import microseconds
-from motion_gym.data.number_forms import clock_form, refuse_thousands
-from motion_gym.data.tables import Table
+from motion_gym.data.tracks.column_names import TIME_UNITS, role_of, time_unit
+from motion_gym.data.tracks.dates import microseconds
+from motion_gym.data.tracks.number_forms import clock_form, refuse_thousands
+from motion_gym.data.tracks.tables import Table
 
 EPOCH = {1: "seconds", 1000: "milliseconds", 10**6: "microseconds", 10**9: "nanoseconds"}
 """Units of a time since 1970, by how many there are in a second."""

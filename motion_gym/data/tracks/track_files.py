@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
-from motion_gym.data.column_names import role_of
-from motion_gym.data.dates import past_midnight
-from motion_gym.data.frame_times import TIMES_OF_DAY, Clock, RawTimes, clock_of, read_times, usual_distance
-from motion_gym.data.number_forms import refuse_thousands
-from motion_gym.data.resampling import Resampled, resample
-from motion_gym.data.swapped_columns import swap_evidence
-from motion_gym.data.table_files import read_table
-from motion_gym.data.tables import Table
-from motion_gym.data.track_columns import Columns, find_columns, length_unit, parse_columns
+from motion_gym.data.tracks.column_names import role_of
+from motion_gym.data.tracks.dates import past_midnight
+from motion_gym.data.tracks.frame_times import TIMES_OF_DAY, Clock, RawTimes, clock_of, read_times, usual_distance
+from motion_gym.data.tracks.number_forms import refuse_thousands
+from motion_gym.data.tracks.resampling import Resampled, resample
+from motion_gym.data.tracks.swapped_columns import swap_evidence
+from motion_gym.data.tracks.table_files import read_table
+from motion_gym.data.tracks.tables import Table
+from motion_gym.data.tracks.track_columns import Columns, find_columns, length_unit, parse_columns
 from motion_gym.specs import number, one_of
 
 METRES: Mapping[str, float] = {

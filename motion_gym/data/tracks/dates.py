@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 
 from motion_gym.contract import DataError
-from motion_gym.data.tables import Table
+from motion_gym.data.tracks.tables import Table
 
 _OFFSET = re.compile(r"(?:\s*(?:Z|UTC)|\s*([+-])(\d{2})(?::?(\d{2}))?)$", re.IGNORECASE)
 DAY = 86_400_000_000

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from motion_gym.contract import DataError
-from motion_gym.data.dates import past_midnight
-from motion_gym.data.frame_times import read_times
-from motion_gym.data.number_forms import clock_form, refuse_thousands
-from motion_gym.data.table_files import read_table
-from motion_gym.data.tables import Table
-from motion_gym.data.track_files import Reading, read_track_files
+from motion_gym.data.tracks.dates import past_midnight
+from motion_gym.data.tracks.frame_times import read_times
+from motion_gym.data.tracks.number_forms import clock_form, refuse_thousands
+from motion_gym.data.tracks.table_files import read_table
+from motion_gym.data.tracks.tables import Table
+from motion_gym.data.tracks.track_files import Reading, read_track_files
 
 
 def table_of(tmp_path, fields, name="frame", end=""):

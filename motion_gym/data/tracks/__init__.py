@@ -1,0 +1,1 @@
+"""Files of tracks of any form: tables, columns, times, units, and resampling to equal steps."""
