@@ -157,3 +157,14 @@ def test_predictors_that_return_arrays_can_be_adapted(crowd, name):
         assert isinstance(adapter.predict(scene.observation), Forecast)
         adapter.observe(scene)
     assert adapter.predict(crowd.observation).positions.shape == (len(crowd.future), 1, 12, 2)
+
+
+@pytest.mark.parametrize("name", ["none", "kalman", "hedge", "finetune:parts=last_layer"])
+def test_an_adapter_lets_its_predictor_choose_weights_that_have_not_seen_the_scored_place(name):
+    adapter = mg.adapter(name, "kalman_residual")
+    adapter.choose_weights([mg.domain("zara1")])
+    adapter.reset()
+    assert "zara1" not in adapter.trained_on and "hotel" in adapter.trained_on
+    named = mg.adapter(name, "kalman_residual:weights=original/all")
+    named.choose_weights([mg.domain("zara1")])
+    assert "zara1" in named.trained_on
