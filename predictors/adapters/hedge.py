@@ -46,12 +46,12 @@ class Hedge(Adapter):
 
     The trust is that of AdaHedge (de Rooij et al., "Follow the leader if you can, hedge if you must", JMLR 15, 2014,
     section 2) with a fixed share (Herbster and Warmuth, "Tracking the best expert", Machine Learning 32, 1998).
-    Whenever agents become fully known, the trust in each expert is multiplied by exp(-rate * ADE of the expert), and
-    then a share of the total trust is spread evenly, so that an expert with a long series of errors can regain trust
-    quickly. The learning rate is ln(number of experts) / (sum of the mixability gaps so far), so that nobody has to
-    tune it, and the unit of length does not matter. Where the rate decreases, the trust is raised to the power (new
-    rate / old rate), as in Cesa-Bianchi et al., "Mirror descent meets fixed share (and feels no regret)", NIPS 2012,
-    section 5.
+    Whenever agents become fully known, the trust in each expert is multiplied by exp(-rate * loss), where the loss is
+    the ADE of the expert over the mean ADE of all experts. Then a share of the total trust is spread evenly, so that an
+    expert with a long series of errors can regain trust quickly. The learning rate is ln(number of experts) / (sum of
+    the mixability gaps so far), so that nobody has to tune it. Where it decreases, the trust is raised to the power
+    (new rate / old rate), as in Cesa-Bianchi et al., "Mirror descent meets fixed share (and feels no regret)", NIPS
+    2012, section 5.
 
     An expert is judged by the forecast that it made at the time of the observation: with what it had learned from the
     frames up to that time. For an observation without a time, the state of the experts before this truth counts.
@@ -95,7 +95,7 @@ class Hedge(Adapter):
         self.trust = np.full(len(self.names), 1 / len(self.names))
         """[E] trust in each expert; the sum is 1."""
         self.gap = 0.0
-        """Sum of the mixability gaps, in the unit of length."""
+        """Sum of the mixability gaps."""
         self.known = KnownSteps()
         self.past: deque[Learned] = deque([self._learned(-np.inf)], maxlen=KEPT)
         """What the experts had learned after each of the last observations of ground truth."""
@@ -137,7 +137,7 @@ class Hedge(Adapter):
         self.squares = self.forgetting * self.squares + (residual**2).sum(axis=(0, 2)) / 2
         self.count = self.forgetting * self.count + len(future)
         loss = distance(advice - future).mean(axis=(1, 2))
-        loss -= loss.min()
+        loss = (loss - loss.min()) / max(loss.mean(), TINY)
         rate = np.log(len(loss)) / max(self.gap, TINY)
         mixed = -np.log(self.trust @ np.exp(-rate * loss)) / rate
         self.gap += max(float(self.trust @ loss - mixed), 0.0)

@@ -36,7 +36,7 @@ def advice(experts, seen):
 
 def adahedge(trust, gap, losses, share):
     """One step of AdaHedge (de Rooij et al. 2014, figure 1) on the trust of the step before, and the fixed share."""
-    relative = losses - losses.min()
+    relative = (losses - losses.min()) / losses.mean()
     rate = np.log(len(losses)) / max(gap, 1e-12)
     mix = -np.log((trust * np.exp(-rate * relative)).sum()) / rate
     gap += (trust * relative).sum() - mix
