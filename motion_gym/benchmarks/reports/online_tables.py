@@ -180,6 +180,19 @@ def regret_table(titles: Mapping[str, str], runs: Mapping[tuple[str, str, str], 
     return Table("Regret", [*head, "which expert (seeds)"], rows, notes, caption)
 
 
+def regret_panel(runs: Mapping[tuple[str, str, str], Sequence[Result]]) -> Panel:
+    """Errors of rows that combine experts, and of row ``best expert``, for claims; a column such as ``style: sudden``.
+
+    Args:
+        runs: Results of all seeds by sort of shift, kind of stream and row.
+    """
+    errors: Errors = {}
+    for (name, kind, row), results in runs.items():
+        errors[row, f"{name}: {kind}"] = np.array([result["ade"]["mean"] for result in results])
+        errors["best expert", f"{name}: {kind}"] = np.array([min(result["experts"].values()) for result in results])
+    return Panel("regret", errors, tuple(dict.fromkeys(column for _, column in errors)), "Regret")
+
+
 def milestones_table(title: str, rows: Rows) -> Table:
     """ADE over the last forecasts, at several numbers of matured forecasts after the first shift."""
     everything = [result for results in rows.values() for result in results]
