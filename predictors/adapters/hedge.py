@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict, deque
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -21,28 +21,34 @@ from motion_gym.stepping.harness import ask
 TINY = 1e-12
 """Smallest sum of mixability gaps: before, the learning rate is practically infinite."""
 
+Style = tuple[np.ndarray, int]
+"""``observed`` and ``scenes`` of a predictor with a style."""
+
 
 class Learned(NamedTuple):
     """What the experts had learned at one time.
 
     Attributes:
+        number: Number of observations of ground truth before.
         until: Last listed frame that the experts had learned from.
-        style: ``observed`` and ``scenes`` of the predictor; None if it has no style.
-        mean: Weights of the last layer according to the filter; empty for the trained ones.
+        styles: ``observed`` and ``scenes`` of the predictor for each memory; empty if it has no style.
+        means: Weights of the last layer according to each filter.
     """
 
+    number: int
     until: float
-    style: tuple[np.ndarray, int] | None
-    mean: np.ndarray
+    styles: tuple[Style, ...]
+    means: tuple[np.ndarray, ...]
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
 class Hedge(Adapter):
     """A weighted mean of the forecasts of several experts. The weight of each expert, its trust, follows its errors.
 
-    The experts are training-free predictors (``experts``); ``none``, the trained predictor; ``style``, the same with
-    the style of recent scenes, if it has a style; and ``kalman``, the same with the last layer of a Kalman filter, if
-    it has a linear last layer. The experts learn regardless of their trust.
+    The experts are training-free predictors (``experts``); ``none``, the trained predictor; if it has a style, two
+    times ``style``, the same with the style of many and of few recent scenes; and if it has a linear last layer,
+    ``kalman``, a Kalman filter of that layer, for each style if there are styles. The experts learn regardless of their
+    trust.
 
     The trust is that of AdaHedge (de Rooij et al., "Follow the leader if you can, hedge if you must", JMLR 15, 2014,
     section 2) with a fixed share (Herbster and Warmuth, "Tracking the best expert", Machine Learning 32, 1998).
@@ -61,6 +67,7 @@ class Hedge(Adapter):
         weights: See ``Around``.
         seed: See ``Around``.
         memory: See ``Adapter``.
+        recent: Number of scenes to read the second style from, which changes faster.
         experts: Specs of the training-free predictors, separated by spaces.
         ridge: See ``Kalman``.
         forgetting: See ``Kalman``.
@@ -72,6 +79,7 @@ class Hedge(Adapter):
     """
 
     memory: int = setting(64, whole(0, 100_000))
+    recent: int = setting(16, whole(1, 100_000))
     experts: str = setting("constant_velocity constant_velocity:velocity=4 kalman_velocity", any_text)
     ridge: float = setting(10.0, positive)
     forgetting: float = setting(0.99, FORGETTING)
@@ -82,31 +90,40 @@ class Hedge(Adapter):
         check_fitted(self.inner)
         self.untrained = {spec: _untrained(spec) for spec in self.experts.split()}
         """Training-free predictors by their specs."""
-        linear = isinstance(self.inner, Linearised)
-        self.filter = Kalman(self.inner, ridge=self.ridge, forgetting=self.forgetting) if linear else None
-        """Filter of the last layer; None if the predictor has none."""
+        styled = bool(self.memory) and isinstance(self.inner, Styled)
+        self.memories = {"": self.memory, f":memory={self.recent}": self.recent} if styled else {}
+        """Number of scenes of each style, by the end of the names of its experts."""
+        number = max(len(self.memories), 1) if isinstance(self.inner, Linearised) else 0
+        self.filters = [Kalman(self.inner, ridge=self.ridge, forgetting=self.forgetting) for _ in range(number)]
+        """Filters of the last layer, one for each style; empty if the predictor has no such layer."""
         super()._prepare()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "asked": OrderedDict()}  # forecasts only save time
 
     def _start(self) -> None:
         super()._start()
-        if self.filter is not None:
-            self.filter.inner = self.inner  # one predictor, whose style is read once
-            self.filter._start()
+        for one in self.filters:
+            one.inner = self.inner  # one predictor, whose style is set before it is used
+            one._start()
         self.trust = np.full(len(self.names), 1 / len(self.names))
         """[E] trust in each expert; the sum is 1."""
         self.gap = 0.0
         """Sum of the mixability gaps."""
         self.known = KnownSteps()
-        self.past: deque[Learned] = deque([self._learned(-np.inf)], maxlen=KEPT)
-        """What the experts had learned after each of the last observations of ground truth."""
+        self.past: deque[Learned] = deque([self._learned(0, -np.inf)], maxlen=KEPT)
+        """What the experts had learned after each of the last observations of ground truth, the present state last."""
+        self.asked: OrderedDict[tuple[bytes, int], np.ndarray] = OrderedDict()
+        """Forecasts of the experts for recent observations, which are needed again with the ground truth."""
         self.squares, self.count = np.zeros(FUTURE), 0.0
         """[12] sums of squared residuals per coordinate by future step, and the sum of their weights."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each expert."""
-        style = ("style",) if self.memory and isinstance(self.inner, Styled) else ()
-        return (*self.untrained, "none", *style, *(("kalman",) if self.filter is not None else ()))
+        styles = [f"style{end}" for end in self.memories]
+        filters = [f"kalman{end}" for end in list(self.memories or [""])[: len(self.filters)]]
+        return (*self.untrained, "none", *styles, *filters)
 
     def gauges(self) -> dict[str, float]:
         """Trust in each expert."""
@@ -118,18 +135,25 @@ class Hedge(Adapter):
         whole = np.asarray(truth.known.all(axis=1) & ~before.all(axis=1))
         if whole.any():
             self._judge(self._past_advice(truth.observation)[:, whole], truth.future[whole])
-        filtered = 0
-        if self.filter is not None:
-            filtered, undone = self.filter.updates, self.filter.rolled_back
-            self.filter.learn(truth)
-            filtered = self.filter.updates - filtered
-            self.rolled_back += self.filter.rolled_back - undone
-        self.updates += int(filtered or whole.any())
+        styles, before_updates, before_undone = self._styles(), *self._counts()
+        for number, one in enumerate(self.filters):
+            self._set_style(styles[number] if styles else None)
+            one.learn(truth)
+        self._set_style(styles[0] if styles else None)
+        updates, undone = self._counts()
+        self.updates += int(updates > before_updates or whole.any())
+        self.rolled_back += int(undone > before_undone)
         until = self.past[-1].until
         if truth.observation.time is not None:
             last = np.where(truth.known, np.arange(1, FUTURE + 1), 0).max(axis=1)
             until = max(until, float((truth.observation.time[truth.observation.scene_index] + last).max()))
-        self.past.append(self._learned(until))
+        self.past.append(self._learned(self.past[-1].number + 1, until))
+        for _ in range(len(self.asked) - KEPT // 2):
+            self.asked.popitem(last=False)
+
+    def _counts(self) -> tuple[int, int]:
+        """Numbers of updates of all filters, and of those that were rolled back."""
+        return sum(one.updates for one in self.filters), sum(one.rolled_back for one in self.filters)
 
     def _judge(self, advice: np.ndarray, future: np.ndarray) -> None:
         """Update the trust and the variance by forecasts [E, A, 12, 2] of agents whose future [A, 12, 2] is known."""
@@ -149,16 +173,29 @@ class Hedge(Adapter):
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres: the mean first, then samples with the variance of recent residuals."""
-        mean = np.einsum("e,eaxy->axy", self.trust, self._advice(observation, self._learned(np.inf)))
+        mean = np.einsum("e,eaxy->axy", self.trust, self._advice(observation, self.past[-1]))
         return drawn_around(mean, self.squares / max(self.count, TINY), observation, samples, seed)
 
     def advice(self, observation: Observation) -> dict[str, np.ndarray]:
         """Forecast [A, 12, 2] of each expert, metres, by its name."""
-        return dict(zip(self.names, self._advice(observation, self._learned(np.inf)), strict=True))
+        return dict(zip(self.names, self._advice(observation, self.past[-1]), strict=True))
 
-    def _learned(self, until: float) -> Learned:
-        style = (self.inner.observed, self.inner.scenes) if isinstance(self.inner, Styled) else None
-        return Learned(until, style, NO_WEIGHTS if self.filter is None else self.filter.mean)
+    def _learned(self, number: int, until: float) -> Learned:
+        return Learned(number, until, self._styles(), tuple(one.mean for one in self.filters))
+
+    def _styles(self) -> tuple[Style, ...]:
+        """The present style for each memory."""
+        if not self.memories:
+            return ()
+        scenes = list(self.styles) or [(self.source.observed, self.source.scenes)]
+        return tuple(
+            tuple(sum(values) for values in zip(*scenes[-number:], strict=True))  # type: ignore[misc]
+            for number in self.memories.values()
+        )
+
+    def _set_style(self, style: Style | None) -> None:
+        if style is not None:
+            self.inner.observed, self.inner.scenes = style
 
     def _past_advice(self, observation: Observation) -> np.ndarray:
         """Forecasts [E, A, 12, 2] of the experts with what they had learned at the time of the observation."""
@@ -172,28 +209,36 @@ class Hedge(Adapter):
 
     def _advice(self, observation: Observation, learned: Learned) -> np.ndarray:
         """Forecasts [E, A, 12, 2] of the experts in a state, metres."""
+        key = observation.history.tobytes() + observation.scene.tobytes(), learned.number
+        advice = self.asked.get(key)
+        if advice is None:
+            advice = self._asked(observation, learned)
+            if len(self.asked) < KEPT:  # predict never deletes an entry
+                self.asked[key] = advice
+        return advice
+
+    def _asked(self, observation: Observation, learned: Learned) -> np.ndarray:
         forecasts = [ask(expert, observation).most_likely() for expert in self.untrained.values()]
-        present = self._learned(np.inf).style
+        styled = bool(self.memories)
+        present = (self.inner.observed, self.inner.scenes) if styled else None
         try:
-            if present is not None:
-                self.inner.observed, self.inner.scenes = self.source.observed, self.source.scenes
-            forecasts.append(self._with_layer(observation, NO_WEIGHTS))
-            if learned.style is not None:
-                self.inner.observed, self.inner.scenes = learned.style
-            if "style" in self.names:
-                forecasts.append(self._with_layer(observation, NO_WEIGHTS))
-            if self.filter is not None:
-                forecasts.append(self._with_layer(observation, learned.mean))
+            self._set_style((self.source.observed, self.source.scenes) if styled else None)
+            forecasts.append(self._with_layer(observation))
+            for style in learned.styles:
+                self._set_style(style)
+                forecasts.append(self._with_layer(observation))
+            for number, mean in enumerate(learned.means):
+                self._set_style(learned.styles[number] if styled else None)
+                forecasts.append(self._with_layer(observation, mean))
         finally:
-            if present is not None:
-                self.inner.observed, self.inner.scenes = present
+            self._set_style(present)
         return np.stack(forecasts)
 
-    def _with_layer(self, observation: Observation, weight: np.ndarray) -> np.ndarray:
+    def _with_layer(self, observation: Observation, weight: np.ndarray = NO_WEIGHTS) -> np.ndarray:
         """Forecast [A, 12, 2] of the predictor, metres, with weights of the last layer; the trained ones if empty."""
-        if self.filter is None:
+        if not self.filters:
             return ask(self.inner, observation).most_likely()
-        return self.filter.forecast(observation, weight)
+        return self.filters[0].forecast(observation, weight)
 
 
 def _untrained(spec: str) -> Any:

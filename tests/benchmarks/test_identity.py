@@ -49,7 +49,7 @@ SETTINGS = {
     "kalman": (1, "of='modular_invariant', weights=None, seed=None, memory=16, ridge=10.0, forgetting=0.99"),
     "hedge": (
         2,
-        "of='modular_invariant', weights=None, seed=None, memory=64, experts='constant_velocity "
+        "of='modular_invariant', weights=None, seed=None, memory=64, recent=16, experts='constant_velocity "
         "constant_velocity:velocity=4 kalman_velocity', ridge=10.0, forgetting=0.99, share=0.02",
     ),
     "ekf": (

@@ -53,10 +53,11 @@ def test_regret_is_of_the_best_expert():
 def test_the_experts_of_a_card_have_the_errors_that_they_have_alone():
     stream = mg.stream(["orca:d=0.3,scenes=12", "orca:d=0.6,scenes=12"], frames=80)
     card = mg.evaluate_online(mg.adapter("hedge", SOURCE), stream)
-    alone = {"none": mg.adapter("none", SOURCE), "style": mg.adapter("style", SOURCE, memory=64)}
-    alone |= {"kalman": mg.adapter("kalman", SOURCE, memory=64)}
+    alone = {"none": mg.adapter("none", SOURCE)}
+    alone |= {name: mg.adapter(name, SOURCE, memory=64) for name in ("style", "kalman")}
+    alone |= {name: mg.adapter(name, SOURCE) for name in ("style:memory=16", "kalman:memory=16")}
     alone |= {name: mg.predictor(name) for name in card.experts if name not in alone}
-    assert len(alone) == 6
+    assert len(alone) == 8
     for name, expert in alone.items():
         assert card.experts[name] == pytest.approx(mg.evaluate_online(expert, stream).ade.mean, rel=1e-5)
     assert mg.evaluate_online(alone["none"], stream).experts == {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tests.predictors.adapters.test_filters import PAIR, SOURCES, STGAT, adapter
 from tests.taped import fitted_linear
 
 UNTRAINED = ("constant_velocity", "constant_velocity:velocity=4", "kalman_velocity")
+STYLED = ("style", "style:memory=16", "kalman", "kalman:memory=16")
 STRAIGHT, TRAINED, ADAPTED = 0, 3, 4
 
 
@@ -119,15 +121,19 @@ def test_an_expert_is_judged_by_the_forecast_that_it_made_then():
 
 def test_experts_of_a_predictor_with_a_style():
     truth = mg.domain("orca:d=0.6,scenes=40").windows("train")
-    hedge, plain, read = mg.adapter("hedge", PAIR), mg.predictor(PAIR), mg.adapter("style", PAIR, memory=64)
-    for predictor in (hedge, read):
+    hedge = mg.adapter("hedge", PAIR, memory=20, recent=4)
+    alone = {"none": mg.predictor(PAIR)}
+    alone |= {name: mg.adapter(name, PAIR, memory=20) for name in ("style", "kalman")}
+    alone |= {f"{name}:memory=4": mg.adapter(name, PAIR, memory=4) for name in ("style", "kalman")}
+    for predictor in (hedge, *list(alone.values())[1:]):
         predictor.observe(truth)
     given = hedge.advice(truth.observation)
-    assert list(given) == [*UNTRAINED, "none", "style", "kalman"]
-    for name, predictor in (("none", plain), ("style", read)):
+    assert list(given) == [*UNTRAINED, "none", *(name.replace("16", "4") for name in STYLED)]
+    for name, predictor in alone.items():
         np.testing.assert_allclose(given[name], predictor.predict(truth.observation).positions[:, 0], atol=1e-4)
-    assert np.abs(given["none"] - given["style"]).max() > 1e-3
-    assert np.abs(given["kalman"] - given["style"]).max() > 1e-3
+    forecasts = [given[name] for name in alone]
+    for one, other in itertools.combinations(forecasts, 2):
+        assert np.abs(one - other).max() > 1e-3
 
 
 @pytest.mark.parametrize(
@@ -172,5 +178,5 @@ def test_without_a_last_layer_the_predictor_and_the_training_free_ones_remain():
 def test_the_name_of_a_hedge_makes_it_again():
     hedge = mg.adapter("hedge:experts=constant_velocity stand_still,share=0.1", "kalman_velocity")
     again = mg.predictor(mg.adapter("hedge:experts=constant_velocity stand_still,share=0.1", PAIR).name)
-    assert again.names == ("constant_velocity", "stand_still", "none", "style", "kalman")
+    assert again.names == ("constant_velocity", "stand_still", "none", *STYLED)
     assert hedge.names == ("constant_velocity", "stand_still", "none")
