@@ -104,7 +104,8 @@ class Hedge(Adapter):
     def _start(self) -> None:
         super()._start()
         for one in self.filters:
-            one.inner = self.inner  # one predictor, whose style is set before it is used
+            # One predictor, whose style is set before it is used.
+            one.inner, one.source, one.unchosen = self.inner, self.source, None
             one._start()
         self.trust = np.full(len(self.names), 1 / len(self.names))
         """[E] trust in each expert; the sum is 1."""
