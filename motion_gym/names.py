@@ -148,7 +148,8 @@ ADAPTERS = {
     ),
     "kalman": Entry("motion_gym.predictors.adapters.kalman:Kalman", "recursive Bayesian last layer, in closed form"),
     "hedge": Entry(
-        "motion_gym.predictors.adapters.hedge:Hedge", "kalman, the trained predictor and constant velocity, by errors"
+        "motion_gym.predictors.adapters.hedge:Hedge",
+        "kalman, style, the trained and training-free predictors, by errors",
     ),
     "ekf": Entry("motion_gym.predictors.adapters.ekf:Ekf", "extended Kalman filter on a few weights"),
 }

@@ -15,7 +15,7 @@ from motion_gym.benchmarks import executors
 from motion_gym.benchmarks import store as stores
 from motion_gym.benchmarks.executors import Opener
 from motion_gym.benchmarks.identity import answered_by, label_of, question, row_name
-from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study
+from motion_gym.benchmarks.objects import FILTERS, FURTHER_SEEDS, NONE, ORACLE, SEEDS, Benchmark, Report, Shifts, Study
 from motion_gym.benchmarks.row_specs import domain
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import MotionGymError, SpecError
@@ -24,8 +24,8 @@ NOT_REQUESTED = "not requested"
 """Reason for a missing row that ``only`` does not name."""
 NAMED = 8
 """Most rows that are named for one reason, and most reasons that are named."""
-STUDY, CHOICE = "study", "choice of settings"
-"""Where studies are shown, and runs from which settings are chosen."""
+STUDY, CHOICE, FURTHER = "study", "choice of settings", "further seeds"
+"""Where studies are shown, runs from which settings are chosen, and runs with further seeds."""
 Errors = dict[str, dict[str, float]]
 """ADE in metres by row and by its settings."""
 
@@ -233,6 +233,11 @@ def stream_jobs(benchmark: Benchmark, errors: Mapping[str, Errors], session: str
         for kind, row, seed in itertools.product(shifts.streams, shifts.all_rows(), SEEDS):
             arguments = {**shifts.streams[kind], "seed": seed}
             yield stream_job(shifts, (name, kind), row, best.get(row, row), shifts.of(seed), arguments, session)
+        experts = [row for row in shifts.rows if catalog.parse_spec(row)[0] == "hedge"]
+        for kind, row, seed in itertools.product(shifts.streams, experts, FURTHER_SEEDS):
+            arguments = {**shifts.streams[kind], "seed": seed}
+            where = name, f"{kind}, {FURTHER}"
+            yield stream_job(shifts, where, row, best.get(row, row), shifts.of(seed), arguments, session)
 
 
 def stream_job(

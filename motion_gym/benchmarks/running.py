@@ -16,7 +16,17 @@ from motion_gym.benchmarks import executors
 from motion_gym.benchmarks.drives import Drives, drive_jobs
 from motion_gym.benchmarks.executors import Opener
 from motion_gym.benchmarks.identity import row_name
-from motion_gym.benchmarks.jobs import CHOICE, STUDY, Errors, Runner, choice_jobs, stream_jobs, study_jobs, window_jobs
+from motion_gym.benchmarks.jobs import (
+    CHOICE,
+    FURTHER,
+    STUDY,
+    Errors,
+    Runner,
+    choice_jobs,
+    stream_jobs,
+    study_jobs,
+    window_jobs,
+)
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE, Benchmark, Part, Report
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import SpecError
@@ -78,6 +88,14 @@ class Results:
         """Runs of all seeds by row, for one kind of stream; empty if a row that others are compared with is missing."""
         rows = {key[2]: runs for key, runs in self.streams.items() if key[:2] == (name, kind)}
         return rows if {BASELINE, NONE, ORACLE} <= rows.keys() else {}
+
+    def with_experts(self) -> dict[tuple[str, str, str], list[Run]]:
+        """Runs of all seeds of rows that combine experts, by name of the shifts, kind and row."""
+        found: dict[tuple[str, str, str], list[Run]] = {}
+        for (name, kind, row), runs in self.streams.items():
+            if all(run.get("experts") for run in runs):
+                found.setdefault((name, kind.removesuffix(f", {FURTHER}"), row), []).extend(runs)
+        return found
 
 
 def benchmark(name: str | Benchmark) -> Benchmark:

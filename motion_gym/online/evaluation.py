@@ -188,6 +188,7 @@ def _card(run: Run, name: str) -> OnlineCard:
         curve=curve_of(ade, made * dt),
         shifts=shifts_of(ade, segment, (made + FUTURE) * dt, played.labels, starts),
         returns=returns_of([(s.domain, s.ade.mean, s.ade.agent_windows) for s in segments]),
+        experts=dict(zip(run.expert_names, run.experts[matured].mean(axis=0).tolist(), strict=True)),
         updates=int(run.updates.sum()),
         rolled_back=run.rolled_back,
         skipped=run.skipped,

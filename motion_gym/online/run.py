@@ -28,6 +28,9 @@ class Run:
         step: The last step of the clock: the current observation, and the scenes that the step settled.
         columns: [N] values of each settled forecast: ADE and FDE (NaN if censored), listed frame of the forecast, and
             person.
+        expert_names: Names of the E experts of a predictor with ``advice``, such as ``hedge``; empty for others.
+        experts: [N, E] ADE of each expert (NaN if censored).
+        advice: Forecasts [E, A, 12, 2] of the experts that wait for their ground truth, by their listed frame.
         count: Number of forecasts settled so far.
         seconds: [T, 2] seconds of the update and of the forecasts at each step; NaN without an update.
         updates: [segments] number of updates.
@@ -49,6 +52,9 @@ class Run:
         # Filled, so that all memory is allocated at the start.
         self.columns = {key: np.full(self.clock.count, np.nan) for key in ("ade", "fde")}
         self.columns |= {key: np.full(self.clock.count, -1, np.int32) for key in ("made", "person")}
+        self.expert_names = tuple(predictor.names) if hasattr(type(self.predictor), "advice") else ()
+        self.experts = np.full((self.clock.count, len(self.expert_names)), np.nan)
+        self.advice: dict[int, np.ndarray] = {}
         self.count = self.rolled_back = self.skipped = 0
         self.seconds = np.full((len(self.clock.times), 2), np.nan, np.float32)
         self.updates = np.zeros(len(stream.ends), np.int64)
@@ -96,6 +102,8 @@ class Run:
         began = time.perf_counter()
         forecast = ask(self.predictor, self.step.observation, 1, self.seed)
         self.seconds[self.at, 1] = time.perf_counter() - began
+        if self.expert_names:
+            self.advice[self.clock.time] = np.stack(list(self.predictor.advice(self.step.observation).values()))
         if looked_at:
             self._check_pure(held, forecast.positions)
         if measured:  # the update runs meanwhile, and takes effect at the next step at the earliest
@@ -167,6 +175,11 @@ class Run:
         self.columns["ade"][rows] = np.where(matured, mean_over_known(error, settled.truth.known), np.nan)
         self.columns["fde"][rows] = np.where(matured, error[:, FUTURE - 1], np.nan)
         self.columns["made"][rows], self.columns["person"][rows] = settled.made, settled.person
+        if self.expert_names:
+            times = settled.made[settled.truth.observation.scene[:-1]].tolist()
+            advice = np.concatenate([self.advice.pop(time) for time in times], axis=1)
+            error = distance(advice.astype(np.float64) - settled.truth.future)
+            self.experts[rows] = np.where(matured, error.mean(axis=2), np.nan).T
         self.count = rows.stop
 
 

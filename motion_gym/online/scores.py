@@ -100,6 +100,7 @@ class OnlineCard:
             made.
         shifts: Changes of the domain after which at least 50 forecasts matured.
         returns: Rows of domain, ADE of its first visit, and of a later one, where at least 50 forecasts matured.
+        experts: ADE of each expert on the matured forecasts, by name, for a predictor that combines experts.
         updates: Number of updates.
         rolled_back: Number of updates that were rolled back because of weights that are not finite.
         skipped: Number of steps at which ground truth was revealed during an update (realtime).
@@ -131,6 +132,7 @@ class OnlineCard:
     curve: list[tuple[float, float]]
     shifts: list[Shift]
     returns: list[tuple[str, float, float]]
+    experts: Mapping[str, float]
     updates: int
     rolled_back: int
     skipped: int

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import itertools
 from collections import OrderedDict, deque
+from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from motion_gym.contract import PredictorError, Truth
+from motion_gym.contract import Domain, PredictorError, Truth
 from motion_gym.data.windows import check_truth, pick_scenes, whole_scenes
 from motion_gym.predictors.adapters.around import Around
 from motion_gym.predictors.settings import setting, whole
@@ -60,6 +61,8 @@ class Adapter(Around):
     memory: int = field(default=MEMORY, kw_only=True, metadata={"check": whole(0, 100_000)})
 
     def _prepare(self) -> None:
+        self.unchosen = copy.deepcopy(self.inner) if getattr(self.inner, "tensors", 0) is None else None
+        """The wrapped predictor before its weights were loaded; None if they were loaded before."""
         if hasattr(self.inner, "fingerprint"):
             self.inner.fingerprint  # noqa: B018  # loads the weights, or raises if there are none
         if "curve" in getattr(self.inner, "card", {}):
@@ -84,6 +87,13 @@ class Adapter(Around):
         """Restore the initial weights, state and counts, bit by bit."""
         self.inner = copy.deepcopy(self.source)
         self._start()
+
+    def choose_weights(self, domains: Sequence[Domain]) -> None:
+        """Let the wrapped predictor choose its weights, if it has several sets and none was named."""
+        if self.unchosen is not None and hasattr(self.unchosen, "choose_weights"):
+            self.inner = copy.deepcopy(self.unchosen)
+            self.inner.choose_weights(domains)
+            self._prepare()
 
     def observe(self, truth: Truth) -> None:
         """Learn from revealed ground truth.

@@ -15,9 +15,14 @@ from motion_gym.contract import FUTURE, Forecast, Observation, PredictorError, T
 from motion_gym.predictors.adapters.adapter import KEPT, Adapter, KnownSteps
 from motion_gym.predictors.networks.last_layer import LastLayer, Linearised
 from motion_gym.predictors.networks.scene_noise import agent_keys, normals
-from motion_gym.predictors.settings import positive, setting
+from motion_gym.predictors.settings import Check, positive, setting
 from motion_gym.specs import number
 from motion_gym.stepping.harness import name_of
+
+FORGETTING: Check = partial(number, above=True, most=1)
+"""Checks a factor on the weight of older observations."""
+NO_WEIGHTS = np.zeros((0, 0))
+"""Stands for the trained weights of a last layer."""
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -51,13 +56,12 @@ class Kalman(Adapter):
     """
 
     ridge: float = setting(10.0, positive)
-    forgetting: float = setting(0.99, partial(number, above=True, most=1))
+    forgetting: float = setting(0.99, FORGETTING)
     kind: ClassVar[str] = "kalman"
-    needs_last_layer: ClassVar[bool] = True
 
     def _prepare(self) -> None:
         super()._prepare()
-        if self.needs_last_layer and not isinstance(self.inner, Linearised):
+        if not isinstance(self.inner, Linearised):
             raise PredictorError(
                 f"{name_of(self.inner)} has no linear last layer that can be replaced (`last_layer`): use linear, or "
                 "one of the STGAT or modular family, such as erm or modular_invariant."
@@ -65,9 +69,9 @@ class Kalman(Adapter):
 
     def _start(self) -> None:
         super()._start()
-        self.precision = self.pull = self.mean = np.zeros((0, 0))
+        self.precision = self.pull = self.mean = NO_WEIGHTS
         """[C, C] sum of phi phi' and [C, O] sum of phi y', with forgetting and without the prior; [C, O] weights W."""
-        self.factor = np.zeros((0, 0))
+        self.factor = NO_WEIGHTS
         """[C, C] lower Cholesky factor of ``precision`` with the prior; empty before the first update."""
         self.squares, self.count = np.zeros(FUTURE), np.zeros(FUTURE)
         """[12] sums, with forgetting, of squared residuals per coordinate and of their weights, by future step."""
@@ -89,13 +93,10 @@ class Kalman(Adapter):
     def _layer(self, observation: Observation) -> LastLayer:
         style = getattr(self.inner, "observed", np.zeros(0)), getattr(self.inner, "scenes", 0)
         key = observation.history.tobytes() + observation.scene.tobytes() + np.append(*style).tobytes()
-        layer = self.layers.get(key) or self._new_layer(observation)
+        layer: LastLayer = self.layers.get(key) or self.inner.last_layer(observation)
         if key in self.layers or len(self.layers) < KEPT:  # predict never deletes an entry
             self.layers[key] = layer
         return layer
-
-    def _new_layer(self, observation: Observation) -> LastLayer:
-        return self.inner.last_layer(observation)  # type: ignore[no-any-return]
 
     def learn(self, truth: Truth) -> None:
         """Add the rows of the last layer that became known."""
@@ -108,8 +109,6 @@ class Kalman(Adapter):
         new_rows = layer.known_rows(truth.known) & ~old_rows
         if not new_rows.any():
             return
-        experts = self._experts(layer, observation)
-        self.judge(experts, truth, np.asarray(truth.known.all(axis=1) & ~before.all(axis=1)))
 
         # Older observations are forgotten by one factor per scene that is revealed for the first time.
         new_steps, old_steps = (layer.by_step(rows.astype(float)) > 0 for rows in (new_rows, old_rows))
@@ -130,7 +129,7 @@ class Kalman(Adapter):
             factor, mean = self.factor, np.full_like(pull, np.nan)
 
         # The residual of a new point has the variance noise * (1 + phi' P phi).
-        residual = self._combined(experts) - truth.future
+        residual = self.forecast(observation, self.mean) - truth.future
         noise = (residual**2).sum(axis=-1) / 2 / (1 + self._uncertainty(layer))
         self.updates += 1
         if not np.isfinite(mean).all() or not np.isfinite(noise[new_steps]).all():
@@ -143,41 +142,23 @@ class Kalman(Adapter):
 
     def gauges(self) -> dict[str, float]:
         """What has been learned, as the results page shows it over time: numbers by name."""
-        return {"relative change of the last layer": self.moved} if self.needs_last_layer else {}
-
-    def judge(self, experts: np.ndarray, truth: Truth, agents: np.ndarray) -> None:
-        """Compare forecasts with new ground truth before learning from it. The base class does nothing.
-
-        Args:
-            experts: Forecasts [E, A, 12, 2] of ``_experts``.
-            truth: The revealed ground truth.
-            agents: [A] bool, the agents that became fully known.
-        """
+        return {"relative change of the last layer": self.moved}
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres: the mean first, then samples of the predictive distribution."""
-        mean = self._combined(self._experts(self._layer(observation), observation))
-        positions = np.repeat(mean[:, None], samples, axis=1)
-        if samples > 1:
-            _, own = agent_keys(observation, samples, seed)
-            drawn = normals(own, 2).transpose(1, 0, 2)[:, 1:, None]
-            positions[:, 1:] += drawn * np.sqrt(self.variance(observation))[:, None, :, None]
-        return Forecast(positions.astype(np.float32))
+        mean = self.forecast(observation, self.mean)
+        return drawn_around(mean, self.variance(observation) if samples > 1 else None, observation, samples, seed)
 
     def variance(self, observation: Observation) -> np.ndarray:
         """Predictive variance [A, 12] of each coordinate, square metres; 0 before the first update."""
         scale = self.squares / np.maximum(self.count, 1e-9)
         return np.asarray(scale * (1 + self._uncertainty(self._layer(observation))))
 
-    def _experts(self, layer: LastLayer, observation: Observation) -> np.ndarray:
-        """Forecasts [E, A, 12, 2], metres, that ``_combined`` combines. The base class has one, the filter's."""
+    def forecast(self, observation: Observation, weight: np.ndarray) -> np.ndarray:
+        """Forecast [A, 12, 2], metres, with weights [C, O] of the last layer; the trained ones if empty."""
+        layer = self._layer(observation)
         # A matrix product would round a row differently in another batch.
-        outputs = np.einsum("rc,co->ro", layer.inputs, self.mean if self.mean.size else layer.weight)
-        return layer.positions(outputs)[None]
-
-    def _combined(self, experts: np.ndarray) -> np.ndarray:
-        """The forecast [A, 12, 2], metres."""
-        return experts[0]  # type: ignore[no-any-return]
+        return layer.positions(np.einsum("rc,co->ro", layer.inputs, weight if weight.size else layer.weight))
 
     def _uncertainty(self, layer: LastLayer) -> np.ndarray:
         """Phi' P phi for each agent and step, [A, 12]."""
@@ -185,3 +166,24 @@ class Kalman(Adapter):
             return layer.by_step((layer.inputs**2).sum(axis=1) / self.ridge)
         whitened = solve_triangular(self.factor, layer.inputs.T, lower=True, check_finite=False)
         return layer.by_step((whitened**2).sum(axis=0))
+
+
+def drawn_around(
+    mean: np.ndarray, variance: np.ndarray | None, observation: Observation, samples: int, seed: int
+) -> Forecast:
+    """A forecast [A, K, 12, 2]: the mean first, then samples with one deviation per agent for all steps.
+
+    Args:
+        mean: [A, 12, 2], metres.
+        variance: [A, 12] or [12] variance of each coordinate, square metres; unused for one sample.
+        observation: The observation.
+        samples: K.
+        seed: Seed of the samples.
+    """
+    positions = np.repeat(mean[:, None], samples, axis=1)
+    if samples > 1 and variance is not None:
+        _, own = agent_keys(observation, samples, seed)
+        drawn = normals(own, 2).transpose(1, 0, 2)[:, 1:, None]
+        spread = np.broadcast_to(np.sqrt(variance), mean.shape[:2])
+        positions[:, 1:] += drawn * spread[:, None, :, None]
+    return Forecast(positions.astype(np.float32))

@@ -149,3 +149,24 @@ def test_an_oracle_without_weights_is_fitted_to_the_scored_people():
     expected = Linear().fit([truth]).predict(truth.observation).positions
     np.testing.assert_array_equal(oracle.predict(truth.observation).positions, expected)
     assert oracle.selection == "fitted to the scored windows of each domain" and not oracle.trained_on
+
+
+def test_the_regret_table_counts_the_seeds_within_two_percent():
+    def run(mine, **experts):
+        return {"ade": {"mean": mine}, "experts": experts}
+
+    runs = [run(1.01, a=1.0, b=2.0), run(1.9, a=3.0, b=2.0), run(1.2, a=1.0, b=1.1)]
+    table = online_tables.regret_table({"crowds": "Crowds"}, {("crowds", "sudden", "hedge"): runs})
+    ((stream, row, _, _, *cells),) = table.rows
+    assert (stream, row) == ("Crowds: sudden", "hedge")
+    # +1 %, -5 % and +20 %.
+    assert cells == ["+5.3 %", "+20.0 %", "2 of 3", "a (2), b (1)"]
+
+
+def test_transfer_is_shown_beside_forgetting(rows):
+    (none,), (mine,) = rows["none"], rows["kalman"]
+    table = online_tables.stream_table("a stream", rows)
+    cells = dict(zip(table.columns, table.rows[2], strict=True))
+    first = [result["shifts"][0]["after"][0][2] for result in (mine, none)]
+    assert cells["FWT"] == f"{100 * (1 - first[0] / first[1]):+.1f} %"
+    assert "BWT" not in cells  # no domain comes back

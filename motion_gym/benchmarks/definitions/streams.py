@@ -13,10 +13,9 @@ TRIED: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "finetune": [{"rate": r, "least": n} for r in (1e-4, 3e-4, 1e-3, 3e-3) for n in (6, 12)],
     "ema_anchor": [{"rate": r, "anchor": a} for r in (1e-4, 3e-4, 1e-3) for a in (0.001, 0.01)],
     "kalman": [{"ridge": r, "forgetting": f} for r in (1.0, 10.0, 100.0) for f in (0.97, 0.99, 1.0)],
-    "hedge": [{"ridge": 1.0, "forgetting": f, "rate": r} for f in (0.97, 0.99, 1.0) for r in (3.0, 10.0)],
     "ekf": [{"noise": n, "spread": s} for n in (0.1, 0.3, 1.0) for s in (0.003, 0.01, 0.03)],
 }
-"""Settings of each adapter to choose from; other settings have their defaults."""
+"""Settings of each adapter to choose from; other settings, and adapters that are not named, have their defaults."""
 STGAT_ROWS = (
     "finetune:parts=all,every=4",
     "finetune:parts=last_layer,every=4",

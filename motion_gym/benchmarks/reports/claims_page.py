@@ -17,7 +17,7 @@ from motion_gym.benchmarks.reports.claims import (
     reference_panel,
     verdict,
 )
-from motion_gym.benchmarks.reports.online_tables import shift_panel
+from motion_gym.benchmarks.reports.online_tables import regret_panel, shift_panel
 from motion_gym.benchmarks.reports.published_tables import original_panel, spurious_panel
 from motion_gym.benchmarks.reports.sentences import CLAIMS
 from motion_gym.benchmarks.reports.table import Table, p_text
@@ -49,6 +49,8 @@ def panels_of(results: running.Results) -> list[Panel]:
         panels.append(
             shift_panel(name, shifts.title, {kind: results.stream_rows(name, kind) for kind in shifts.streams})
         )
+    if combined := results.with_experts():
+        panels.append(regret_panel(combined))
     if results.benchmark.name in PUBLISHED:
         panels.append(PUBLISHED[results.benchmark.name](results.parts))
     if "by_references" in results.studies:

@@ -6,6 +6,7 @@ missing.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,12 +17,15 @@ from motion_gym.benchmarks.reports.conditions import Result, intervals, leaks, m
 from motion_gym.benchmarks.reports.online_scores import first_shift, gain_of, growth_on_return, on_domain, recovered
 from motion_gym.benchmarks.reports.seed_tables import SEEDS, Errors
 from motion_gym.benchmarks.reports.table import Code, Strong, Table, interval, number, span, spread
+from motion_gym.online.continual import backward_transfer, forward_transfer, regret
 from motion_gym.online.evaluation import LABELS
 from motion_gym.online.scores import BLOCK, PHASE, TRAIL, after_first
 
 Rows = Mapping[str, Sequence[Result]]
 MILESTONES = (50, 100, 150, 200, 250, 300)
 """Matured forecasts after a shift."""
+REGRET = 0.02
+"""Regret against the best expert that counts as none."""
 LEGEND = {
     "gain": "(none - adapted) / (none - oracle), of the mean ADE after the first shift",
     "recovered after": f"matured forecasts (and seconds) after the first change of domain, from which on every later "
@@ -30,6 +34,10 @@ LEGEND = {
     f"phase has fewer than {PHASE} forecasts",
     "on return": "by how much more than that of `none` the ADE of the first domain has grown when this domain comes "
     f"back, where at least {TRAIL} forecasts matured in each visit",
+    "BWT": f"backward transfer: ADE / ADE of `none` over the last {TRAIL} forecasts of a visit, minus the same over "
+    f"the first {TRAIL} forecasts when the domain comes back; negative if the domain was forgotten",
+    "FWT": f"forward transfer: 1 - ADE / ADE of `none` over the first {TRAIL} forecasts in each new domain; positive "
+    "if what was learned before helps",
     "ms per observe": "median / 95th percentile of all calls, including those that only remember",
     "ms per step": "95th percentile of the update and the forecasts together, on a machine that did other work too",
 }
@@ -86,10 +94,18 @@ def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
         "gain": "-" if share is None else f"{share:.2f}",
         "recovered after": recovered(results, rows.get(ORACLE)),
         "on return": f"{100 * np.mean(growth):+.1f} %" if growth else "-",
+        "BWT": _percent([backward_transfer(*pair) for pair in zip(results, rows[NONE], strict=True)]),
+        "FWT": _percent([forward_transfer(*pair) for pair in zip(results, rows[NONE], strict=True)]),
         "updates": updates,
         "ms per observe": f"{update[0]:.1f} / {update[1]:.1f}" if results[0]["updates"] else "-",
         "ms per step": f"{tick:.1f}",
     }
+
+
+def _percent(values: Sequence[float | None]) -> str:
+    """Mean of the values that are known, in percent."""
+    known = [value for value in values if value is not None]
+    return f"{100 * np.mean(known):+.1f} %" if known else "-"
 
 
 def stream_notes(results: Sequence[Result]) -> list[str]:
@@ -125,6 +141,56 @@ def choice_table(where: str, weights: str, tried: Mapping[str, Mapping[str, floa
         f"{number(tried[NONE][NONE])}. The settings with the lowest ADE are taken."
     )
     return Table("Choice of settings", ["row", "chosen", "ADE", "other settings: ADE"], rows, (), caption)
+
+
+def regret_table(titles: Mapping[str, str], runs: Mapping[tuple[str, str, str], Sequence[Result]]) -> Table:
+    """Regret of rows that combine experts, a table row for each stream.
+
+    Args:
+        titles: Heading of each sort of shift.
+        runs: Results of all seeds by sort of shift, kind of stream and row.
+    """
+    rows = []
+    for (name, kind, row), results in runs.items():
+        values = [value for value in map(regret, results) if value is not None]
+        experts = [result["experts"] for result in results]
+        if values:
+            best = [min(errors, key=lambda expert: errors[expert]) for errors in experts]
+            within = sum(value <= REGRET for value in values)
+            often = Counter(best).most_common()
+            rows.append(
+                [
+                    f"{titles[name]}: {kind}",
+                    Code(row),
+                    spread(result["ade"]["mean"] for result in results),
+                    spread(min(errors.values()) for errors in experts),
+                    f"{100 * np.mean(values):+.1f} %",
+                    f"{100 * max(values):+.1f} %",
+                    f"{within} of {len(values)}",
+                    ", ".join(f"{expert} ({count})" for expert, count in often),
+                ]
+            )
+    notes = [
+        "best expert: the lowest ADE of a single expert on the same stream, known in hindsight; each seed has its own",
+        "regret: ADE / ADE of the best expert - 1, for each seed; negative if the mean of experts is better than each",
+        "seeds 0 to 9 of the stream, with the weights of seeds 0 to 4",
+    ]
+    head = ["stream", "method", "ADE", "best expert", "regret", "worst seed", f"within {100 * REGRET:.0f} %"]
+    caption = "ADE and regret against the best fixed expert in hindsight, k = 1"
+    return Table("Regret", [*head, "which expert (seeds)"], rows, notes, caption)
+
+
+def regret_panel(runs: Mapping[tuple[str, str, str], Sequence[Result]]) -> Panel:
+    """Errors of rows that combine experts, and of row ``best expert``, for claims; a column such as ``style: sudden``.
+
+    Args:
+        runs: Results of all seeds by sort of shift, kind of stream and row.
+    """
+    errors: Errors = {}
+    for (name, kind, row), results in runs.items():
+        errors[row, f"{name}: {kind}"] = np.array([result["ade"]["mean"] for result in results])
+        errors["best expert", f"{name}: {kind}"] = np.array([min(result["experts"].values()) for result in results])
+    return Panel("regret", errors, tuple(dict.fromkeys(column for _, column in errors)), "Regret")
 
 
 def milestones_table(title: str, rows: Rows) -> Table:

@@ -54,6 +54,9 @@ def everything(results: Results) -> list[Table]:
     tables += [table for group in by_part[1:] for table in group]
     for name in results.errors:
         tables += _shift_tables(results, name)
+    if combined := results.with_experts():
+        titles = {name: shift.title for name, shift in results.benchmark.shifts.items()}
+        tables.append(online_tables.regret_table(titles, combined))
     return [*tables, *comparison_tables(results).values()]
 
 

@@ -47,15 +47,15 @@ ONLINE: Mapping[str, Test] = {
     "After a sudden change of noise, kalman and tuning everything stay above constant velocity": lower(
         ["constant_velocity"], NOISE_ADAPTED, ["sudden"], panel="alpha"
     ),
-    "After a sudden change of noise, hedge is within 1 % of constant velocity": mean(
-        ["hedge"], ["constant_velocity"], ["sudden"], panel="alpha", ratio=(0.99, 1.01), each_seed=True
+    "Under another noise, hedge has a lower error than constant velocity": lower(
+        ["hedge"], ["constant_velocity"], panel="alpha"
     ),
-    "After a sudden change of noise, hedge is within 6 % of constant velocity for each seed": mean(
-        ["hedge"], ["constant_velocity"], ["sudden"], panel="alpha", ratio=(0.94, 1.06), each_seed=True
+    "After a sudden change of noise, hedge has a lower error than constant velocity for each seed": mean(
+        ["hedge"], ["constant_velocity"], ["sudden"], panel="alpha", each_seed=True
     ),
-    "After a sudden change of noise, no adapter has a lower mean error than constant velocity": mean(
+    "After a sudden change of noise, no other adapter has a lower mean error than constant velocity": mean(
         ["constant_velocity"],
-        [*NOISE_ADAPTED, "hedge", "ema_anchor:parts=all,every=4", *EVERY_FOURTH],
+        [*NOISE_ADAPTED, "ema_anchor:parts=all,every=4", *EVERY_FOURTH],
         ["sudden"],
         panel="alpha",
     ),
@@ -85,6 +85,12 @@ ONLINE: Mapping[str, Test] = {
     ),
     "On drone video no adapter has a lower mean error than the source model after a sudden shift of class": mean(
         ["none"], ["kalman", "hedge"], ["sudden"], panel="drone_class"
+    ),
+    "On every stream and for every seed, hedge is within 2 % of its best expert in hindsight": mean(
+        ["hedge"], ["best expert"], panel="regret", ratio=(0, 1.02), each_seed=True
+    ),
+    "On every stream, the mean error of hedge is within 2 % of that of its best expert in hindsight": mean(
+        ["hedge"], ["best expert"], panel="regret", ratio=(0, 1.02)
     ),
 }
 """The test of each sentence."""

@@ -175,3 +175,14 @@ def test_a_wrapped_predictor_that_needs_no_training_is_not_trained():
     assert adapter.fitted
     with pytest.raises(PredictorError, match="ConstantVelocity has no `fit`"):
         adapter.fit([], [])
+
+
+@pytest.mark.parametrize("name", ["none", "kalman", "hedge", "finetune:parts=last_layer"])
+def test_an_adapter_lets_its_predictor_choose_weights_that_have_not_seen_the_scored_place(name):
+    adapter = mg.adapter(name, "kalman_residual")
+    adapter.choose_weights([mg.domain("zara1")])
+    adapter.reset()
+    assert "zara1" not in adapter.trained_on and "hotel" in adapter.trained_on
+    named = mg.adapter(name, "kalman_residual:weights=original/all")
+    named.choose_weights([mg.domain("zara1")])
+    assert "zara1" in named.trained_on
