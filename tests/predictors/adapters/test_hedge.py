@@ -154,7 +154,7 @@ def test_invalid_settings_are_refused(setting, value, message):
 
 def test_a_predictor_that_is_not_fitted_is_refused():
     with pytest.raises(PredictorError, match="linear is not fitted: call fit"):
-        mg.adapter("hedge", Linear()).predict(scenes(1)[0].observation)
+        mg.adapter("hedge", "linear").predict(scenes(1)[0].observation)
 
 
 def test_without_a_last_layer_the_predictor_and_the_training_free_ones_remain():
