@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,9 +16,6 @@ from motion_gym.predictors.networks.pair_network import CODE, FACTORS, SHARE
 from motion_gym.predictors.training.factor_training import FactorProgram
 from motion_gym.predictors.training.style_training import StyleProgram
 from motion_gym.specs import one_of
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 
 @dataclass(eq=False, repr=False)
@@ -50,31 +47,21 @@ class ModularFactors(Modular):
     scenes_of_factors: np.ndarray = field(default_factory=lambda: np.zeros(len(FACTORS)), init=False)
     """[F] number of scenes from which the code of each factor is read."""
 
-    def fit(
-        self,
-        train: Sequence[Truth],
-        validation: Sequence[Truth],
-        seed: int | Sequence[int] = 0,
-        *,
-        names: Sequence[str] = (),
-        labels: Mapping[str, Sequence[Any]] | None = None,
-        **options: Any,
-    ) -> Self:
-        """Train all seeds in one pass; see ``Weighted.fit``.
-
-        Args:
-            train: Windows of each environment.
-            validation: Windows for model selection, of the same environments in the same order.
-            seed: One seed or several.
-            names: Specs of the domains of ``train``.
-            labels: Value of each factor in each environment; by default the parameters of the named domains.
-            **options: Options of ``Weighted.fit`` and of ``FactorProgram``.
+    def labels_of(self, names: Sequence[str]) -> dict[str, Any]:
+        """Value of each factor in each of the named training domains, as the option ``labels`` of ``FactorProgram``.
 
         Raises:
-            PredictorError: there are neither labels nor names, a domain lacks a factor, or see ``Weighted.fit``.
+            PredictorError: there are no names, or a domain lacks a factor.
         """
-        labels = _labels(names) if labels is None else labels
-        return super().fit(train, validation, seed, names=names, labels=labels, **options)
+        parameters: list[Mapping[str, Any]] = [catalog.domain(name).card.parameters for name in names]
+        lacking = [name for name, values in zip(names, parameters, strict=True) if not values.keys() >= set(FACTORS)]
+        if lacking or not names:
+            raise PredictorError(
+                f"{self.name} learns the factors {', '.join(FACTORS)} from the parameters of the training domains, and "
+                + (f"{lacking[0]} does not have them" if lacking else "none are named")
+                + ": train on orca domains, and give `names` (their specs) or `labels`."
+            )
+        return {"labels": {factor: [values[factor] for values in parameters] for factor in FACTORS}}
 
     def observe(self, truth: Truth, factors: Sequence[str] = FACTORS) -> None:
         """Read the codes of some factors from the scenes whose 20 steps are all known.
@@ -104,20 +91,3 @@ class ModularFactors(Modular):
     def scenes_of_values(self) -> np.ndarray:
         """[8] number of observed scenes from which each value of the code is read."""
         return np.repeat(self.scenes_of_factors, SHARE)
-
-
-def _labels(names: Sequence[str]) -> dict[str, list[Any]]:
-    """Value of each factor in each of the named domains.
-
-    Raises:
-        PredictorError: there are no names, or a domain lacks a factor.
-    """
-    parameters: list[Mapping[str, Any]] = [catalog.domain(name).card.parameters for name in names]
-    lacking = [name for name, values in zip(names, parameters, strict=True) if not values.keys() >= set(FACTORS)]
-    if lacking or not names:
-        raise PredictorError(
-            f"modular_factors learns the factors {', '.join(FACTORS)} from the parameters of the training domains, and "
-            + (f"{lacking[0]} does not have them" if lacking else "none are named")
-            + ": train on orca domains, and give `names` (their specs) or `labels`."
-        )
-    return {factor: [values[factor] for values in parameters] for factor in FACTORS}
