@@ -104,21 +104,17 @@ def test_a_gate_keeps_the_code_of_a_factor_away_from_the_units_of_the_other(netw
 
 
 @pytest.mark.parametrize(
-    ("names", "labels", "reason"),
+    ("names", "options", "reason"),
     [
         ((), {}, "none are named"),
         (["zara1"] * 4, {}, "zara1 does not have them"),
-        (
-            NAMES,
-            {"labels": {"side": ["left"] * 4, "d": [0.1, 0.5, 0.1, 0.5]}},
-            r"factor `side` .* at least two must differ",
-        ),
+        (NAMES, {"labels": {"side": ["left"] * 4}}, r"factor `side` .* at least two must differ"),
         (NAMES, {"labels": {"d": [0.1, 0.5, 0.1, 0.5]}}, r"factor `side` .* each domain needs a label"),
     ],
 )
-def test_trainings_without_labels_are_refused(data, names, labels, reason):
+def test_trainings_without_labels_are_refused(data, names, options, reason):
     with pytest.raises(PredictorError, match=reason):
-        ModularFactors().fit(*data, 0, names=names, **labels, epochs=(1, 1, 1, 1), scenes=16)
+        ModularFactors().fit(*data, 0, names=names, **options, epochs=(1, 1, 1, 1), scenes=16)
 
 
 def test_it_satisfies_the_contract_of_a_predictor(network):
