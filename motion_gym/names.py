@@ -102,6 +102,10 @@ PREDICTORS = {
         "modular, its encoder by IRMv1; needs PyTorch and scenes of two agents",
         parameters={"penalty": 1.0},
     ),
+    "modular_factors": Entry(
+        "motion_gym.predictors.modular_factors:ModularFactors",
+        "modular, its style split into side of passing and distance; needs PyTorch and scenes of two agents",
+    ),
     "modular_stgat": Entry(
         "motion_gym.predictors.modular_stgat:ModularStgat",
         "STGAT that reads a style, any number of agents; needs PyTorch",

@@ -61,4 +61,9 @@ class StyleMemory(Weighted):
         if shown is not None:
             return self.scene_codes(shown, weights).mean(dim=1, keepdim=True)
         prior = weights["prior.code"][:1]
-        return ((prior + torch.from_numpy(self.observed).to(prior)) / (1 + self.scenes))[:, None]
+        scenes = torch.as_tensor(self.scenes_of_values()).to(prior)
+        return ((prior + torch.from_numpy(self.observed).to(prior)) / (1 + scenes))[:, None]
+
+    def scenes_of_values(self) -> int | np.ndarray:
+        """Number of observed scenes from which the values of the code are read: one for all, or [8]."""
+        return self.scenes

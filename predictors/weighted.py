@@ -168,6 +168,7 @@ class Weighted:
             raise SpecError(f"`seed={seed}` must name at least one seed to train, and each once.")
         if self.seed is not None and self.seed not in seeds:
             raise SpecError(f"{self.name} uses seed {self.seed}, but the seeds to train are {seeds}: drop `seed`.")
+        options = options if "labels" in options else {**self.labels_of(names), **options}
         program = self.program(self, train, validation, device=device_named(device), **options)
         run = training.train(
             program, seeds, device=device, checkpoint=checkpoint, resume=resume, every=every, report=report
@@ -194,6 +195,10 @@ class Weighted:
         }
         self.use(rounded, card)
         return self
+
+    def labels_of(self, names: Sequence[str]) -> dict[str, Any]:
+        """The option ``labels`` of a program that compares domains by their parameters; the base class has none."""
+        return {}
 
     def _ready(self, observation: Observation | None = None) -> Weights:
         """The weights of the seed; loads the shipped weights if there are no others.

@@ -19,7 +19,8 @@ def play(start, goal, radius, rules, max_speed, steps, first, every, paths, infe
         goal: [S, N, 2] float64, metres.
         radius: [S] float32, metres.
         rules: (seconds per step, 1 / time horizon, square of the distance at which neighbours begin to count, maximum
-            speed), each float32, and the largest number of neighbours.
+            speed), each float32, the largest number of neighbours, and the lean (float32): above 0 agents prefer to
+            pass on the right, below 0 on the left.
         max_speed: The maximum speed in double precision.
         steps: Number of steps.
         first: Steps before the first frame.
@@ -73,6 +74,12 @@ def prefer(goal, position, max_speed, top_speed, preferred, chosen):  # type: ig
 def half_planes(position, velocity, radius, rules, point, direction, square):  # type: ignore[no-untyped-def]
     """Fill in the half-planes of every pair (section 4 of the paper); those of its two agents are mirror images.
 
+    With a lean, the border touches the velocity obstacle not where the relative velocity is nearest to it, but further
+    to one side: at the place that w + lean |w| r has in the paper, where w points from the centre of the cut-off circle
+    to the relative velocity, and r is the unit vector to the right of the line to the other agent. The obstacle is
+    convex, so that every such half-plane excludes all of it, and no collision is allowed. Both agents of a pair choose
+    the same border.
+
     Args:
         position: [N, 2] metres.
         velocity: [N, 2] m/s.
@@ -94,17 +101,22 @@ def half_planes(position, velocity, radius, rules, point, direction, square):  #
 
             # w points from the centre of the cut-off circle to the relative velocity.
             w_x, w_y = fast_x - rate * x, fast_y - rate * y
-            w_square, along = dot(w_x, w_y, w_x, w_y), dot(w_x, w_y, x, y)
+            bent_x, bent_y = w_x, w_y
+            if rules[5] != ZERO:
+                bend = rules[5] * np.float32(math.sqrt(dot(w_x, w_y, w_x, w_y) / max(apart, TINY)))
+                bent_x, bent_y = w_x + bend * y, w_y - bend * x
+            w_square, along = dot(bent_x, bent_y, bent_x, bent_y), dot(bent_x, bent_y, x, y)
             if touching or (along < ZERO and along * along > reach_square * w_square):
                 length = np.float32(math.sqrt(w_square))
                 unit = ONE / max(length, TINY)
-                way_x, way_y = w_y * unit, -(w_x * unit)
-                size = reach * rate - length
-                change_x, change_y = size * (w_x * unit), size * (w_y * unit)
+                out_x, out_y = bent_x * unit, bent_y * unit
+                way_x, way_y = out_y, -out_x
+                size = reach * rate - (length if rules[5] == ZERO else dot(w_x, w_y, out_x, out_y))
+                change_x, change_y = size * out_x, size * out_y
             else:
                 # The left leg if w points left of the line between the agents; otherwise the right leg.
                 leg = np.float32(math.sqrt(max(apart - reach_square, ZERO)))
-                if cross(x, y, w_x, w_y) <= ZERO:
+                if cross(x, y, bent_x, bent_y) <= ZERO:
                     leg = -leg
                 unit = ONE / max(apart, TINY)
                 way_x, way_y = (x * leg - y * reach) * unit, (x * reach + y * leg) * unit

@@ -40,6 +40,7 @@ def simulate(
     neighbor_distance: float = 10.0,
     max_neighbors: int = 10,
     max_speed: float = 1.0,
+    lean: float = 0.0,
 ) -> Simulation:
     """Simulate S scenes of N agents that walk to their goals and avoid each other.
 
@@ -59,6 +60,8 @@ def simulate(
         neighbor_distance: Agents at this distance or further away are ignored, metres.
         max_neighbors: Number of nearest neighbours to avoid.
         max_speed: m/s.
+        lean: Above 0 agents prefer to pass each other on the right, each moving to its right; below 0 on the left. See
+            ``crowd.half_planes``.
 
     Returns:
         Simulation with ``1 + (steps - first) // every`` frames.
@@ -80,6 +83,7 @@ def simulate(
         single(neighbor_distance) * single(neighbor_distance),
         single(max_speed),
         max_neighbors,
+        single(lean),
     )
     play(start, goal, radius.astype(single), rules, float(max_speed), steps, first, every, paths, infeasible)
     return Simulation(paths + origin[:, None], infeasible)

@@ -36,6 +36,7 @@ BENCHMARKS: Mapping[str, str] = {
     "places": "motion_gym.benchmarks.definitions.places:UNSEEN",
     "original": "motion_gym.benchmarks.definitions.places:ORIGINAL",
     "style": "motion_gym.benchmarks.definitions.styles:STYLE",
+    "factors": "motion_gym.benchmarks.definitions.factors:FACTORS",
     "crowd": "motion_gym.benchmarks.definitions.styles:CROWD",
     "transfer": "motion_gym.benchmarks.definitions.styles:TRANSFER",
     "refinement": "motion_gym.benchmarks.definitions.styles:REFINEMENT",

@@ -21,6 +21,13 @@ WEIGHTS = Path(__file__).parent.parent / "weights"
 OTHER_PLACES = tuple(f"{name}/{place}" for name in ("spurious", "original") for place in PLACES)
 """Names of weights that were trained on all places but one: the place in the name, except for ``spurious``, eth."""
 
+SIDES, DISTANCES = ("left", None, "right"), (0.1, 0.3, 0.5)
+UNSEEN = (("left", 0.3), ("right", 0.5))
+"""Combinations of the side of passing and the distance d that are left out of training: d between those of training
+with this side, and beyond them. The mirror images of their scenes, which are as hard to forecast, are in training."""
+FACTOR_SOURCES = tuple({"side": s, "d": d} for s in SIDES for d in DISTANCES if (s, d) not in UNSEEN)
+FACTOR_EPOCHS = (30, 15, 5, 90)
+
 JOINT: Mapping[str, Any] = {"epochs": (40, 30, 30), "joint": True}
 """Options of ``fit`` of the STGAT family; ``trainings`` says why."""
 
@@ -93,6 +100,10 @@ def trainings() -> dict[str, Training]:
     plans["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
     plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint, **exact})
     plans["style/blind"] = Training("orca:d=0.4,radius=7")
+    # A third of the scenes and of the epochs of `style`, on more than twice as many domains.
+    few = {"epochs": FACTOR_EPOCHS, "scenes": 24, "most": 3000}
+    for name, more in (("factors", ""), ("factors/blind", ",radius=7")):
+        plans[name] = Training(f"orca:d=0.3{more}", {"styles": FACTOR_SOURCES}, few)
     plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     plans["original/all"] = Training("eth", {"by": "nothing"}, joint)
     without_sigma = ("erm_no_sigma", "invariant:sigma=false,penalty=0.125")

@@ -30,6 +30,10 @@ LAYERS: dict[str, tuple[tuple[int, int], ...]] = {
 """Inputs and outputs of each layer of each part."""
 PLAIN = ("encoder", "decoder")
 """Parts of the network without a style."""
+FACTORS = ("side", "d")
+"""Parameters of a domain that have a part of the code of their own, in the network with factors."""
+SHARE = CODE // len(FACTORS)
+"""Values of the code of a factor."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,17 @@ def shapes(parts: Mapping[str, tuple[tuple[int, int], ...]]) -> dict[str, tuple[
     return result
 
 
+def shapes_with_factors() -> dict[str, tuple[int, ...]]:
+    """Shape of every weight of the network whose style has factors: see ``code`` and ``modulate``."""
+    smaller = {
+        "style": ((WINDOW * 2, 16), (16, SHARE)),
+        "modulator": ((16 + SHARE, 16), (16, 16), (32 + SHARE, 32), (32, 32)),
+    }
+    parts = {f"{part}_{factor}": sizes for part, sizes in smaller.items() for factor in FACTORS}
+    gates = {f"modulator_gate.weight{block}": (len(FACTORS), units) for block, units in ((1, 16), (2, 32))}
+    return {**shapes({part: LAYERS[part] for part in PLAIN}), **shapes(parts), **gates}
+
+
 def initial(seed: int, expected: dict[str, tuple[int, ...]]) -> Weights:
     """Initial weights of one model, M = 1, drawn from U(-1, 1) / sqrt(inputs of the layer)."""
     generator = torch.Generator().manual_seed(seed)
@@ -135,20 +150,46 @@ def encode(history: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:
 
 
 def code(path: Tensor, weights: Weights) -> Tensor:
-    """Style code [M, S, 8] of each scene from its relative path [S, 40] or [M, S, 40]."""
-    models = len(weights["style.bias1"])
-    return layers(path.expand(models, -1, -1), weights, "style", 1, 2)
+    """Style code [M, S, 8] of each scene from its relative path [S, 40] or [M, S, 40].
+
+    With factors, it holds a code of each factor, one after the other, each from an encoder of its own.
+    """
+    path = path.expand(len(weights["encoder.bias1"]), -1, -1)
+    return torch.cat([layers(path, weights, part, 1, 2) for part in _parts("style", weights)], dim=-1)
 
 
 def embed(codes: Tensor, weights: Weights) -> Tensor:
-    """Style embeddings [M, S, 8] of unit length."""
-    return torch.nn.functional.normalize(layers(codes, weights, "head", 1, 2), dim=-1)
+    """Style embeddings [M, S, 8] of unit length; with factors, the directions of the codes of each factor."""
+    parts = codes.chunk(len(FACTORS), dim=-1)
+    if "head.bias1" in weights:
+        parts = (layers(codes, weights, "head", 1, 2),)
+    return torch.cat([torch.nn.functional.normalize(part, dim=-1) for part in parts], dim=-1)
 
 
 def modulate(x: Tensor, codes: Tensor, weights: Weights, block: int) -> Tensor:
-    """Add the modulator's output for codes [M, S or 1, 8] to x [M, S, C], the input of decoder block 1 or 2."""
-    joined = torch.cat([x, codes.expand(len(x), x.shape[1], -1)], dim=-1)
-    return x + layers(joined, weights, "modulator", 2 * block - 1, 2 * block)
+    """Add the modulator's output for codes [M, S or 1, 8] to x [M, S, C], the input of decoder block 1 or 2.
+
+    With factors, x' = x + sum over factors f of g_f * m_f(x, c_f), where m_f is the modulator of a factor, c_f its
+    code, and the gates g [F, C] of ``gates`` share each unit among the factors.
+    """
+    parts = _parts("modulator", weights)
+    changes = []
+    for name, part in zip(parts, codes.chunk(len(parts), dim=-1), strict=True):
+        joined = torch.cat([x, part.expand(len(x), x.shape[1], -1)], dim=-1)
+        changes.append(layers(joined, weights, name, 2 * block - 1, 2 * block))
+    if len(parts) == 1:
+        return x + changes[0]
+    return x + (torch.stack(changes, dim=1) * gates(weights, block)[:, :, None]).sum(dim=1)
+
+
+def gates(weights: Weights, block: int) -> Tensor:
+    """Gates [M, F, C] of each factor and unit of block 1 or 2; those of a unit sum to 1."""
+    return weights[f"modulator_gate.weight{block}"].softmax(dim=1)
+
+
+def _parts(part: str, weights: Weights) -> tuple[str, ...]:
+    """Names of a part of the style: one, or one for each factor."""
+    return (part,) if f"{part}.bias1" in weights else tuple(f"{part}_{factor}" for factor in FACTORS)
 
 
 def decode(latent: Tensor, codes: Tensor | None, weights: Weights) -> Tensor:

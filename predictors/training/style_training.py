@@ -80,6 +80,7 @@ class StyleProgram(Program):
                 "alone: give at least two, one Truth for each, or train `style_erm`."
             )
         train = [pick_scenes(truth, slice(0, most)) for truth in train]
+        self.shapes = {name: shape for name, shape in predictor.expected.items() if not name.startswith("prior.")}
         fewest = min(truth.observation.scenes for truth in train)
         if fewest < scenes:
             raise PredictorError(
@@ -89,7 +90,7 @@ class StyleProgram(Program):
         self.validation = [Pairs.of(truth, device) for truth in validation]
         self.dt = train[0].observation.dt
         self.stages = [
-            Stage(name, count, {part: RATES[part] for part in parts}, selects=number == len(epochs))
+            Stage(name, count, self._rates(parts), selects=number == len(epochs))
             for number, (count, (name, parts)) in enumerate(zip(epochs, STAGES, strict=False), 1)
         ]
         self.config = {
@@ -104,14 +105,18 @@ class StyleProgram(Program):
 
     def first(self, seed: int) -> Weights:
         """Initial weights of one model, [1, ...]."""
-        parts = pair_network.LAYERS if self.styled else {part: pair_network.LAYERS[part] for part in PLAIN}
-        return pair_network.initial(seed, pair_network.shapes(parts))
+        return pair_network.initial(seed, self.shapes)
+
+    def _rates(self, parts: Sequence[str]) -> dict[str, float]:
+        """Learning rates of some parts; with factors, each factor has parts of its own, as ``style_side``."""
+        names = dict.fromkeys(name.split(".")[0] for name in self.shapes)
+        return {name: RATES[part] for part in parts for name in names if name.split("_")[0] == part}
 
     def finished(self, weights: Weights) -> Weights:
         """The trained weights, with the prior of the style and the time step."""
         if not self.styled:
             return weights
-        dt = torch.full((len(weights["style.bias1"]), 1), self.dt)
+        dt = torch.full((len(weights["encoder.bias1"]), 1), self.dt)
         return {**weights, "prior.code": mean_code(self.train, weights), "prior.dt": dt}
 
     def state(self, models: int) -> Tensor:
@@ -127,20 +132,23 @@ class StyleProgram(Program):
         size = self.scenes
         for step in range(min(map(len, self.train)) // size):
             parts = [pairs.take(slice(step * size, (step + 1) * size)) for pairs in shuffled]
-            yield self._loss(parts, weights, state, stage)
+            yield self._loss(parts, weights, state, stage, rng)
 
-    def _loss(self, parts: list[Pairs], weights: Weights, state: Tensor, stage: int) -> Tensor:
+    def _loss(
+        self, parts: list[Pairs], weights: Weights, state: Tensor, stage: int, rng: np.random.Generator
+    ) -> Tensor:
         environment = torch.arange(len(parts), device=self.device).repeat_interleave(self.scenes)
         codes = None
         loss = torch.zeros(len(weights["encoder.bias1"]), device=self.device)
         if stage > 0:
             codes = pair_network.code(torch.cat([part.path for part in parts]), weights)
             if stage != 2:
-                loss = loss + style_loss(pair_network.embed(codes, weights), environment)
+                loss = loss + self._contrast(pair_network.embed(codes, weights), environment)
             if stage == 1:
                 return loss
-            means = codes.unflatten(1, (len(parts), -1)).mean(dim=2, keepdim=True)
+            means = self._styles(codes.unflatten(1, (len(parts), -1)).mean(dim=2, keepdim=True), rng)
             codes = means.expand(-1, -1, self.scenes, -1).flatten(1, 2)
+            loss = loss + self._penalty(weights)
         history = torch.cat([part.history for part in parts])
         forecast = pair_network.forecast(history, codes, weights)
         target = torch.cat([part.moves for part in parts])
@@ -154,6 +162,18 @@ class StyleProgram(Program):
             target.new_full((len(parts),), self.scenes),
         )
         return loss + (self.objective if stage == 0 else Erm())(risks, state)
+
+    def _contrast(self, embedding: Tensor, environment: Tensor) -> Tensor:
+        """Style loss [M] of embeddings [M, S, 8] of scenes of environments [S]."""
+        return style_loss(embedding, environment)
+
+    def _styles(self, means: Tensor, rng: np.random.Generator) -> Tensor:
+        """Style of each environment, from the mean codes [M, E, 1, 8] of their scenes."""
+        return means
+
+    def _penalty(self, weights: Weights) -> Tensor | float:
+        """Penalty [M] on the weights of the modulators."""
+        return 0.0
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
         """ADE [M], metres, mean over the agent-windows of all environments, with styles of 64 training scenes."""

@@ -76,7 +76,7 @@ class TransferProgram(Program):
         self.begin, self.pairs, self.style_weight = weights, Pairs.of(scenes), style_weight
         self.sources = [Pairs.of(pick_scenes(source, slice(0, 50 * BATCH))) for source in sources]
         self.target = None if target is None else Pairs.of(target)
-        rates = {part: rate for part in PARTS[parts]}
+        rates = dict.fromkeys(sorted(name for name in weights if name.startswith(PARTS[parts])), rate)
         self.stages = [Stage("transfer", epochs, rates, selects=target is not None)]
         self.config = {"parts": parts, "style_weight": style_weight}
 

@@ -29,6 +29,7 @@ SETTINGS = {
     "style_invariant": (1, "weights=None, seed=None, penalty=1.0"),
     "modular": (1, "weights=None, seed=None, penalty=0.0"),
     "modular_invariant": (1, "weights=None, seed=None, penalty=1.0"),
+    "modular_factors": (1, "weights=None, seed=None, penalty=0.0"),
     "modular_stgat": (1, "weights=None, seed=None, sigma=False"),
     "transfer": (
         1,

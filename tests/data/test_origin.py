@@ -21,6 +21,7 @@ WEIGHTS = {
     **dict.fromkeys(("erm", "counterfactual"), "spurious"),
     **dict.fromkeys(("style_erm", "modular", "ego_erm", "ego_modular"), "style"),
     **dict.fromkeys(("erm_no_sigma", "modular_stgat"), "style/crowd"),
+    "modular_factors": "factors",
 }
 SPECIAL = ("transfer", "refine", "orca_oracle", "idm_oracle")
 """Predictors that need scenes of another domain, an adapter, and oracles, which need scenes of one domain."""

@@ -17,6 +17,7 @@ from scipy.stats import ks_2samp
 
 import motion_gym
 from motion_gym.contract import SpecError
+from motion_gym.data.domains import spec_of
 from motion_gym.data.storage import data_folder
 from motion_gym.envs.orca import Orca
 from motion_gym.scoring.evaluation import evaluate
@@ -230,7 +231,16 @@ def test_a_damaged_cache_entry_is_simulated_again(fresh_cache):
 
 @pytest.mark.parametrize(
     "other",
-    [{"d": 0.4}, {"agents": 3}, {"radius": 5.5}, {"horizon": 3.0}, {"speed": 0.9}, {"seed": 1}, {"scenes": 11}],
+    [
+        {"d": 0.4},
+        {"agents": 3},
+        {"radius": 5.5},
+        {"horizon": 3.0},
+        {"speed": 0.9},
+        {"seed": 1},
+        {"scenes": 11},
+        {"side": "left"},
+    ],
     ids=lambda other: next(iter(other)),
 )
 def test_every_parameter_is_part_of_the_cache_key(fresh_cache, other):
@@ -336,3 +346,18 @@ def test_sources_are_shared_and_validated():
     for wrong in ("x", True, [0.3], 0.0):
         with pytest.raises(SpecError, match="must be a number"):
             make("orca", scenes=3).sources(styles=[wrong])
+
+
+def test_a_side_is_printed_only_where_there_is_one():
+    plain, right = make("orca", d=0.6, scenes=20), make("orca", d=0.6, scenes=20, side="right")
+    assert spec_of(plain) == "orca:d=0.6,scenes=20" and spec_of(right) == "orca:d=0.6,scenes=20,side=right"
+    assert not np.array_equal(plain.windows("test").future, right.windows("test").future)
+    assert plain.world == right.world
+    with pytest.raises(SpecError, match=r"`side=up` of domain `orca` is not known.*left, right"):
+        make("orca", side="up")
+
+
+def test_sources_can_combine_parameters():
+    combined = [{"side": "left", "d": 0.1}, {"side": None, "d": 0.5}]
+    sources = make("orca", d=0.6, side="right", scenes=20).sources(styles=combined)
+    assert [(source.side, source.d) for source in sources] == [("left", 0.1), (None, 0.5)]

@@ -228,3 +228,39 @@ def test_no_scenes():
     simulation = simulate(np.empty((0, 2, 2)), np.empty((0, 2, 2)), radius=0.3)
     assert simulation.positions.shape == (0, 20, 2, 2)
     assert simulation.first_infeasible.shape == (0, 2)
+
+
+def passes_on_the_right(paths):
+    """[S] bool: at the smallest distance of a pair, each agent has the other on its left. Paths [S, T, 2, 2]."""
+    between = paths[:, :, 1] - paths[:, :, 0]
+    step = np.linalg.norm(between, axis=-1).argmin(axis=1)
+    scene = np.arange(len(paths))
+    fast, towards = -np.diff(between, axis=1)[scene, step - 1], between[scene, step]
+    return fast[:, 0] * towards[:, 1] - fast[:, 1] * towards[:, 0] > 0
+
+
+@pytest.mark.parametrize("radius", [0.1, 0.3, 0.6])
+def test_head_on_pairs_pass_on_the_preferred_side_and_keep_their_distance(radius):
+    start = circle_crossing(60, 2, radius, seed=7)
+    share = {}
+    for lean in (-1, 0, 1):
+        paths = simulate(start, -start, radius=radius, every=1, lean=lean).positions
+        share[lean] = passes_on_the_right(paths).mean()
+        assert np.linalg.norm(paths[:, :, 1] - paths[:, :, 0], axis=-1).min() > 2 * radius - 1e-5
+    assert share[-1] < 0.1 and 0.2 < share[0] < 0.8 and share[1] > 0.9
+
+
+def test_the_mirror_image_of_right_is_left():
+    start = circle_crossing(30, 3, 0.3, seed=8)
+    right, left = (
+        simulate(xy, -xy, radius=0.3, steps=200, lean=lean) for xy, lean in ((start, 1), (start[..., ::-1], -1))
+    )
+    np.testing.assert_allclose(left.positions, right.positions[..., ::-1], atol=1e-3)
+
+
+def test_many_agents_with_a_lean_do_not_overlap_while_feasible():
+    start = circle_crossing(6, 6, 0.3, seed=9)
+    simulation = simulate(start, -start, radius=0.3, every=1, lean=1)
+    one, other = np.triu_indices(6, 1)
+    distance = np.linalg.norm(simulation.positions[:, :, one] - simulation.positions[:, :, other], axis=-1).min(axis=-1)
+    assert distance[feasible(simulation)].min() > 0.6 - 1e-5

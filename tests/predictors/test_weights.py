@@ -18,6 +18,7 @@ TRAINED = [
     "erm_no_sigma:weights=original/eth",
     "style_erm",
     "modular",
+    "modular_factors",
     "modular_stgat",
     "ego_erm",
     "ego_modular",

@@ -17,6 +17,7 @@ from motion_gym.benchmarks.reports.claims import (
     reference_panel,
     verdict,
 )
+from motion_gym.benchmarks.reports.factor_tables import swap_panel
 from motion_gym.benchmarks.reports.online_tables import regret_panel, shift_panel
 from motion_gym.benchmarks.reports.published_tables import original_panel, spurious_panel
 from motion_gym.benchmarks.reports.sentences import CLAIMS
@@ -55,6 +56,7 @@ def panels_of(results: running.Results) -> list[Panel]:
         panels.append(PUBLISHED[results.benchmark.name](results.parts))
     if "by_references" in results.studies:
         panels.append(reference_panel(results.studies["by_references"], panels[0].errors))
+    panels += [swap_panel(name, study) for name, study in results.studies.items() if name.startswith("swaps")]
     if "pretraining" in results.studies:
         panels.append(pretraining_panel(results.studies["pretraining"]))
     return panels

@@ -26,7 +26,7 @@ COLORS = {
         CYAN: "linear hedge",
         OCHRE: "erm erm_no_sigma style_erm style_invariant style",
         VERMILION: "kalman_residual invariant modular modular_invariant modular_stgat finetune",
-        GREEN: "counterfactual constant_turn ego_erm refine heatmap",
+        GREEN: "modular_factors counterfactual constant_turn ego_erm refine heatmap",
         PURPLE: "vrex ego_modular kalman transfer",
         RED: "group_dro orca_oracle idm_oracle oracle ema_anchor ekf",
     }.items()

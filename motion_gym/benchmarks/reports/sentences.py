@@ -11,6 +11,7 @@ from motion_gym.benchmarks.definitions.traffic import MOTION
 from motion_gym.benchmarks.objects import FILTERS as TRAINING_FREE
 from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
 from motion_gym.benchmarks.reports.claim_tests import ANY, Test, lower, mean
+from motion_gym.benchmarks.reports.factor_sentences import FACTOR_CLAIMS
 from motion_gym.benchmarks.reports.stream_sentences import ONLINE
 
 ALPHAS = ("1", "2", "4", "8", "16", "32", "64")
@@ -288,6 +289,7 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         ),
     },
     "online": ONLINE,
+    "factors": FACTOR_CLAIMS,
 }
 """The test of each sentence, by benchmark."""
 

@@ -18,6 +18,7 @@ PREDICTORS = {
     "style_erm": PAIRS,
     "modular": PAIRS,
     "modular_invariant": PAIRS,
+    "modular_factors": PAIRS,
     "modular_stgat": MIXED,
     "erm": MIXED,
     "erm_no_sigma:weights=original/zara2": MIXED,
