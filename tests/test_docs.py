@@ -11,7 +11,8 @@ import pytest
 
 from motion_gym import catalog
 from motion_gym.benchmarks import running
-from motion_gym.benchmarks.reports import claims_page, pages
+from motion_gym.benchmarks.claims import claims_page
+from motion_gym.benchmarks.reports import pages
 from motion_gym.benchmarks.store import SHIPPED
 from motion_gym.metrics.errors import METRICS
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from motion_gym.benchmarks.reports import claims_page
+from motion_gym.benchmarks.claims import claims_page
 from motion_gym.cli.output import Out, say
 from motion_gym.data.storage import write_atomic
 

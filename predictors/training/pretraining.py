@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from motion_gym import catalog
-from motion_gym.benchmarks.studies import REFERENCES
+from motion_gym.benchmarks.studies.network_studies import REFERENCES
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.modular import Modular
 from motion_gym.predictors.networks import pair_network

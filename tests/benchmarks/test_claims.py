@@ -7,8 +7,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
-from motion_gym.benchmarks.reports.claims import (
+from motion_gym.benchmarks.claims.claims_page import verdict_table
+from motion_gym.benchmarks.claims.panels import (
     FAILS,
     HOLDS,
     UNTESTED,
@@ -19,8 +19,8 @@ from motion_gym.benchmarks.reports.claims import (
     reference_panel,
     verdict,
 )
-from motion_gym.benchmarks.reports.claims_page import verdict_table
-from motion_gym.benchmarks.reports.sentences import CLAIMS
+from motion_gym.benchmarks.claims.sentences import CLAIMS
+from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
 from motion_gym.benchmarks.reports.significance import holm, paired_p
 from motion_gym.contract import SpecError
 

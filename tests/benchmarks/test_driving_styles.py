@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from motion_gym.benchmarks.driving_styles import MEASURES, driving_styles, measured
 from motion_gym.benchmarks.reports import traffic_tables
+from motion_gym.benchmarks.studies.driving_styles import MEASURES, driving_styles, measured
 from motion_gym.contract import Recording
 from tests.traffic import SPEC, needs_highway_env
 

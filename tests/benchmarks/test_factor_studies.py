@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from motion_gym.benchmarks.factor_studies import BOTH, OWN, WRONG_D, WRONG_SIDE, passing_sides, swaps
+from motion_gym.benchmarks.claims.factor_sentences import FACTOR_CLAIMS
+from motion_gym.benchmarks.claims.panels import HOLDS, compare, verdict
+from motion_gym.benchmarks.claims.sentences import CLAIMS
 from motion_gym.benchmarks.reports import factor_tables
-from motion_gym.benchmarks.reports.claims import HOLDS, compare, verdict
-from motion_gym.benchmarks.reports.factor_sentences import FACTOR_CLAIMS
-from motion_gym.benchmarks.reports.sentences import CLAIMS
+from motion_gym.benchmarks.studies.factor_studies import BOTH, OWN, WRONG_D, WRONG_SIDE, passing_sides, swaps
 
 TARGETS = {
     "right 0.3": {

@@ -8,9 +8,9 @@ import pytest
 
 import motion_gym
 from motion_gym import catalog
-from motion_gym.benchmarks import studies
 from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports import curves, figures, seed_tables, study_tables
+from motion_gym.benchmarks.studies import network_studies
 from motion_gym.contract import SpecError
 from motion_gym.data.windows import pick_scenes
 from motion_gym.predictors.training import pretraining
@@ -41,8 +41,8 @@ def drawn_twice(draw, study, folder):
 
 
 def test_errors_fall_with_reference_scenes(tmp_path, monkeypatch):
-    monkeypatch.setattr(studies, "COUNTS", (0, 4, 64))
-    study = stored(studies.by_references(["modular_invariant"], "style", {"0.6": RIGHT}))
+    monkeypatch.setattr(network_studies, "COUNTS", (0, 4, 64))
+    study = stored(network_studies.by_references(["modular_invariant"], "style", {"0.6": RIGHT}))
     assert (study["counts"], study["seeds"], study["unit"]) == ([0, 4, 64], [0, 1, 2, 3, 4], "m")
     errors = np.array(study["ade"]["0.6"]["modular_invariant"])
     assert errors.shape == (3, 5) and (errors[2] < 0.8 * errors[0]).all()
@@ -54,17 +54,17 @@ def test_errors_fall_with_reference_scenes(tmp_path, monkeypatch):
 
 
 def test_no_reference_scene_is_the_mean_style_of_training(monkeypatch):
-    monkeypatch.setattr(studies, "COUNTS", (0,))
-    study = studies.by_references(["modular_invariant"], "style", {"0.6": RIGHT})
+    monkeypatch.setattr(network_studies, "COUNTS", (0,))
+    study = network_studies.by_references(["modular_invariant"], "style", {"0.6": RIGHT})
     card = motion_gym.evaluate("modular_invariant:weights=style,seed=2", RIGHT, references=0)
     assert study["ade"]["0.6"]["modular_invariant"][0][2] == pytest.approx(card.metrics["ADE"].mean, abs=1e-4)
 
 
 def test_two_agents_are_drawn_as_they_are_refined(tmp_path):
-    study = stored(studies.two_agents("modular_invariant", "style", RIGHT, WRONG))
+    study = stored(network_studies.two_agents("modular_invariant", "style", RIGHT, WRONG))
     assert np.shape(study["history"]) == (2, 8, 2) and np.shape(study["future"]) == (2, 12, 2)
     towards_right, towards_wrong = study["panels"].values()
-    assert list(towards_right) == [f"{n} steps" for n in studies.STEPS]
+    assert list(towards_right) == [f"{n} steps" for n in network_studies.STEPS]
     assert towards_right["0 steps"] == towards_wrong["0 steps"]
     future = np.array(study["future"])
     off = [np.abs(np.array(panel["30 steps"]) - future).mean() for panel in (towards_right, towards_wrong)]
@@ -75,7 +75,7 @@ def test_two_agents_are_drawn_as_they_are_refined(tmp_path):
 
 def test_one_scene_shows_the_forecasts_of_each_row(eth_ucy, tmp_path):
     rows = ["constant_velocity", "erm", "erm:sigma=relative"]
-    study = stored(studies.one_scene("eth", (1, 64), rows, "spurious"))
+    study = stored(network_studies.one_scene("eth", (1, 64), rows, "spurious"))
     assert list(study["panels"]) == ["alpha = 1", "alpha = 64"]
     near, far = study["panels"].values()
     assert list(near) == rows and near["constant_velocity"] == far["constant_velocity"] and near["erm"] != far["erm"]
@@ -97,7 +97,7 @@ def test_one_scene_shows_the_forecasts_of_each_row(eth_ucy, tmp_path):
 def test_relative_sigma_is_chosen_on_the_sources_alone(eth_ucy):
     place = catalog.domain("eth:alpha=1")
     place.windows = None  # the domain itself must not be looked at
-    study = stored(studies.left_out(("linear:sigma=true", "linear:sigma=relative"), place))
+    study = stored(network_studies.left_out(("linear:sigma=true", "linear:sigma=relative"), place))
     assert study["ade"]["linear:sigma=relative"]["mean"] == pytest.approx(0.435, abs=0.002)
     assert study["ade"]["linear:sigma=true"]["mean"] == pytest.approx(0.512, abs=0.002)
     assert study["chosen"] == "linear:sigma=relative"
@@ -107,7 +107,7 @@ def test_relative_sigma_is_chosen_on_the_sources_alone(eth_ucy):
 
 def test_a_domain_without_a_scene_to_draw_is_refused():
     with pytest.raises(SpecError, match="No scene of 3 to 6 agents to draw"):
-        studies._scene_with_turns(catalog.domain(RIGHT).windows("test"))
+        network_studies._scene_with_turns(catalog.domain(RIGHT).windows("test"))
 
 
 def test_a_schedule_table_marks_the_best_of_each_row():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motion_gym.benchmarks.reports import figures
-from motion_gym.benchmarks.style_codes import recognised, style_codes
+from motion_gym.benchmarks.studies.style_codes import recognised, style_codes
 
 
 def test_styles_are_recognised_where_their_codes_separate():

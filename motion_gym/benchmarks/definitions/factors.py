@@ -75,7 +75,7 @@ def _swaps(name: str, weights: str, more: str = "") -> Study:
     }
     return Study(
         name,
-        "motion_gym.benchmarks.factor_studies:swaps",
+        "motion_gym.benchmarks.studies.factor_studies:swaps",
         "motion_gym.benchmarks.reports.factor_tables:swaps",
         arguments=arguments,
         uses=weighted((ONE_CODE, FACTORED), weights),
@@ -99,7 +99,7 @@ FACTORS = Benchmark(
         _swaps("swaps_blind", "factors/blind", ",radius=7"),
         Study(
             "passing_sides",
-            "motion_gym.benchmarks.factor_studies:passing_sides",
+            "motion_gym.benchmarks.studies.factor_studies:passing_sides",
             "motion_gym.benchmarks.reports.factor_tables:passing_sides",
             arguments={"domains": REAL},
             reads=tuple(REAL.values()),

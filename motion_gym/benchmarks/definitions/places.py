@@ -71,7 +71,7 @@ SPURIOUS = Benchmark(
     studies=(
         Study(
             "left_out",
-            "motion_gym.benchmarks.studies:left_out",
+            "motion_gym.benchmarks.studies.network_studies:left_out",
             "motion_gym.benchmarks.reports.study_tables:left_out",
             arguments={"rows": PLAIN[-2:], "domain": "eth:alpha=1"},
             uses=PLAIN[-2:],
@@ -79,7 +79,7 @@ SPURIOUS = Benchmark(
         ),
         Study(
             "one_scene",
-            "motion_gym.benchmarks.studies:one_scene",
+            "motion_gym.benchmarks.studies.network_studies:one_scene",
             draw="motion_gym.benchmarks.reports.figures:one_scene",
             file="scene.svg",
             arguments={"place": "eth", "alphas": (1, 8, 64), "rows": DRAWN, "weights": "spurious"},
@@ -155,7 +155,7 @@ UNSEEN = Benchmark(
     studies=(
         Study(
             "against_filters",
-            "motion_gym.benchmarks.forecaster_study:against_filters",
+            "motion_gym.benchmarks.studies.forecaster_study:against_filters",
             "motion_gym.benchmarks.reports.study_tables:against_filters",
             arguments={"row": FORECASTER, "places": PLANS, "filters": FILTERS, "seeds": SEEDS},
             uses=(*FILTERS, *(weighted((FORECASTER,), plan)[0] for plan in dict.fromkeys(PLANS.values()))),
@@ -163,7 +163,7 @@ UNSEEN = Benchmark(
         ),
         Study(
             "ablations",
-            "motion_gym.benchmarks.forecaster_study:ablations",
+            "motion_gym.benchmarks.studies.forecaster_study:ablations",
             "motion_gym.benchmarks.reports.study_tables:ablations",
             arguments={"row": FORECASTER, "places": PLANS, "variants": VARIANTS, "seeds": SEEDS},
             uses=(FORECASTER,),
@@ -171,7 +171,7 @@ UNSEEN = Benchmark(
         ),
         Study(
             "coverage",
-            "motion_gym.benchmarks.forecaster_study:coverage",
+            "motion_gym.benchmarks.studies.forecaster_study:coverage",
             "motion_gym.benchmarks.reports.study_tables:coverage",
             arguments={
                 "rows": ("kalman_velocity",),

@@ -68,7 +68,7 @@ STYLE = Benchmark(
     studies=(
         Study(
             "by_references",
-            "motion_gym.benchmarks.studies:by_references",
+            "motion_gym.benchmarks.studies.network_studies:by_references",
             "motion_gym.benchmarks.reports.study_tables:by_references",
             "motion_gym.benchmarks.reports.curves:by_references",
             file="references.svg",
@@ -141,7 +141,7 @@ REFINEMENT = Benchmark(
     studies=(
         Study(
             "two_agents",
-            "motion_gym.benchmarks.studies:two_agents",
+            "motion_gym.benchmarks.studies.network_studies:two_agents",
             draw="motion_gym.benchmarks.reports.figures:two_agents",
             file="two_agents.svg",
             arguments={"row": "modular_invariant", "weights": "style", "right": "orca:d=0.6", "wrong": "orca:d=0.1"},

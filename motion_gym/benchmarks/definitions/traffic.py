@@ -42,7 +42,7 @@ VEHICLES = Benchmark(
     studies=(
         Study(
             "driving_styles",
-            "motion_gym.benchmarks.driving_styles:driving_styles",
+            "motion_gym.benchmarks.studies.driving_styles:driving_styles",
             "motion_gym.benchmarks.reports.traffic_tables:driving_styles",
             arguments={
                 "domains": {style: _COLUMNS[style] for style in STYLES},

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from motion_gym.benchmarks import own_rows, running
+from motion_gym.benchmarks.claims import claims_page, panels
+from motion_gym.benchmarks.claims.sentences import CLAIMS
 from motion_gym.benchmarks.identity import SCORING_VERSION
 from motion_gym.benchmarks.page import board
-from motion_gym.benchmarks.reports import claims, claims_page, curves, pages
+from motion_gym.benchmarks.reports import curves, pages
 from motion_gym.benchmarks.reports.colors import color_of, styles_of
 from motion_gym.benchmarks.reports.curves import Curves
-from motion_gym.benchmarks.reports.sentences import CLAIMS
 from motion_gym.benchmarks.reports.table import Code, Strong, Table
 from motion_gym.benchmarks.running import Results
 from motion_gym.contract import DataError
@@ -114,7 +115,7 @@ def _section(results: Results, charts: list[Curves]) -> Section:
     first = len(charts)
     charts += _charts(results)
     sentences = [*benchmark.claims, *CLAIMS.get(benchmark.name, ())]
-    tested = claims.compare(sentences, claims_page.panels_of(results)) if sentences else []
+    tested = panels.compare(sentences, claims_page.panels_of(results)) if sentences else []
     return Section(
         benchmark.name,
         benchmark.title,

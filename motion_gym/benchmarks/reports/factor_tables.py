@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.benchmarks.factor_studies import BOTH, OWN, WRONG_D, WRONG_SIDE
-from motion_gym.benchmarks.reports.claims import Panel
+from motion_gym.benchmarks.claims.panels import Panel
 from motion_gym.benchmarks.reports.table import Code, Table, interval, number, spread
+from motion_gym.benchmarks.studies.factor_studies import BOTH, OWN, WRONG_D, WRONG_SIDE
 from motion_gym.contract import FUTURE
 from motion_gym.metrics.passing import NEAR, SLOWEST
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from motion_gym.benchmarks.claims.panels import Panel
 from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE
-from motion_gym.benchmarks.reports.claims import Panel
 from motion_gym.benchmarks.reports.conditions import Result, intervals, leaks, measured, unit_of
 from motion_gym.benchmarks.reports.online_scores import first_shift, gain_of, growth_on_return, on_domain, recovered
 from motion_gym.benchmarks.reports.seed_tables import SEEDS, Errors

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
+from motion_gym.benchmarks.claims import panels
 from motion_gym.benchmarks.drives import Drives
 from motion_gym.benchmarks.jobs import best_settings
 from motion_gym.benchmarks.objects import NONE
 from motion_gym.benchmarks.own_rows import comparison_tables
-from motion_gym.benchmarks.reports import claims, curves, drive_tables, online_tables, seed_tables
+from motion_gym.benchmarks.reports import curves, drive_tables, online_tables, seed_tables
 from motion_gym.benchmarks.reports.conditions import unit_of
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import Results
@@ -46,8 +47,8 @@ def everything(results: Results) -> list[Table]:
     if len(parts) == len(results.parts):  # these tables need all rows
         tables += [function(name)(parts) for name in results.benchmark.tables]
     if results.benchmark.claims and parts:
-        comparisons = claims.compare(results.benchmark.claims, claims.part_panels(parts))
-        tables.append(claims.claims_table(comparisons, results.benchmark.claims_over))
+        comparisons = panels.compare(results.benchmark.claims, panels.part_panels(parts))
+        tables.append(panels.claims_table(comparisons, results.benchmark.claims_over))
     tables += _study_tables(results)
     for drives, runs in driven(results):
         tables += drive_tables.tables(drives, runs)

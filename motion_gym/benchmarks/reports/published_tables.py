@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from motion_gym.benchmarks import published
+from motion_gym.benchmarks.claims.panels import Panel
 from motion_gym.benchmarks.objects import Part
-from motion_gym.benchmarks.reports.claims import Panel
 from motion_gym.benchmarks.reports.conditions import Result, measured, unit_of
 from motion_gym.benchmarks.reports.seed_tables import SEEDS, Parts, further_notes, over_seeds
 from motion_gym.benchmarks.reports.table import Code, Table, number, percent, spread

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from motion_gym.benchmarks.driving_styles import MEASURES
 from motion_gym.benchmarks.reports.table import Code, Table
+from motion_gym.benchmarks.studies.driving_styles import MEASURES
 
 
 def driving_styles(study: Mapping[str, Any]) -> Table:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from motion_gym.benchmarks.claims.claim_tests import ANY, Test, lower, mean
 from motion_gym.benchmarks.objects import NOWHERE
-from motion_gym.benchmarks.reports.claim_tests import ANY, Test, lower, mean
 
 FILTERS = ("kalman", "ekf:parts=modulator")
 TUNED = tuple(f"finetune:parts={parts}" for parts in ("all", "style", "modulator", "last_layer"))

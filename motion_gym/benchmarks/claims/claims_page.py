@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from motion_gym.benchmarks import running
-from motion_gym.benchmarks.objects import EVERYWHERE, NOWHERE, Claim
-from motion_gym.benchmarks.reports.claims import (
+from motion_gym.benchmarks.claims.panels import (
     Comparison,
     Panel,
     compare,
@@ -17,10 +16,11 @@ from motion_gym.benchmarks.reports.claims import (
     reference_panel,
     verdict,
 )
+from motion_gym.benchmarks.claims.sentences import CLAIMS
+from motion_gym.benchmarks.objects import EVERYWHERE, NOWHERE, Claim
 from motion_gym.benchmarks.reports.factor_tables import swap_panel
 from motion_gym.benchmarks.reports.online_tables import regret_panel, shift_panel
 from motion_gym.benchmarks.reports.published_tables import original_panel, spurious_panel
-from motion_gym.benchmarks.reports.sentences import CLAIMS
 from motion_gym.benchmarks.reports.table import Table, p_text
 
 INTRODUCTION = (

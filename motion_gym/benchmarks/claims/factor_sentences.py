@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from motion_gym.benchmarks.claims.claim_tests import Test, lower, mean
 from motion_gym.benchmarks.definitions.factors import FACTORED, ONE_CODE
-from motion_gym.benchmarks.factor_studies import BOTH, OWN, WRONG_D, WRONG_SIDE
-from motion_gym.benchmarks.reports.claim_tests import Test, lower, mean
+from motion_gym.benchmarks.studies.factor_studies import BOTH, OWN, WRONG_D, WRONG_SIDE
 
 TARGETS = [f"{side} {d}" for side in ("left", "right") for d in (0.1, 0.3, 0.5)]
 ERRORS, DISTANCES = ([f"{target}, {measure}" for target in TARGETS] for measure in ("ADE", "distance"))

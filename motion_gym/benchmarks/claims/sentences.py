@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from motion_gym.benchmarks.claims.claim_tests import ANY, Test, lower, mean
+from motion_gym.benchmarks.claims.factor_sentences import FACTOR_CLAIMS
+from motion_gym.benchmarks.claims.stream_sentences import ONLINE
 from motion_gym.benchmarks.definitions.traffic import MOTION
 from motion_gym.benchmarks.objects import FILTERS as TRAINING_FREE
 from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
-from motion_gym.benchmarks.reports.claim_tests import ANY, Test, lower, mean
-from motion_gym.benchmarks.reports.factor_sentences import FACTOR_CLAIMS
-from motion_gym.benchmarks.reports.stream_sentences import ONLINE
 
 ALPHAS = ("1", "2", "4", "8", "16", "32", "64")
 PENALTIES = ("invariant:penalty=1", "invariant:penalty=3", "invariant")

@@ -1,0 +1,1 @@
+"""Claims of the documentation: the tests that decide them, and their page."""

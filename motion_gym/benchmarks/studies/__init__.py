@@ -1,0 +1,1 @@
+"""Studies of benchmarks: values other than scores, computed once and stored."""
