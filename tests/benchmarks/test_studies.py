@@ -8,6 +8,7 @@ import pytest
 
 import motion_gym
 from motion_gym import catalog
+from motion_gym.benchmarks.identity import facts_of
 from motion_gym.benchmarks.objects import Part
 from motion_gym.benchmarks.reports import curves, figures, seed_tables, study_tables
 from motion_gym.benchmarks.studies import network_studies
@@ -115,8 +116,7 @@ def test_a_schedule_table_marks_the_best_of_each_row():
     tried = {"all": {(10, 1e-4): 0.2, (30, 1e-3): 0.11}, "style": {(10, 1e-4): 0.12, (30, 1e-3): 0.3}}
     rows = {f"transfer:parts={p},epochs={e},rate={r:g}": ade for p, by in tried.items() for (e, r), ade in by.items()}
     rows["modular_invariant"] = 0.3
-    domain = catalog.domain(RIGHT).card
-    identity = {"domain": catalog.format_spec(domain.name, dict(domain.parameters)), "scoring_version": 2}
+    identity = {"domain": facts_of(catalog.domain(RIGHT)).spec, "scoring_version": 2}
     results = [
         {
             "predictor": f"{row}:seed={seed}" if ":" not in row else f"{row},seed={seed}",
