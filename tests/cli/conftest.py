@@ -4,6 +4,8 @@ import sys
 
 import pytest
 
+from motion_gym.cli import output
+
 OWN = '''
 import numpy as np
 from motion_gym.envs.orca import Orca
@@ -62,3 +64,9 @@ def no_data(tmp_path, monkeypatch):
     """An empty data folder."""
     monkeypatch.setenv("MOTION_GYM_DATA", str(tmp_path / "data"))
     return tmp_path / "data"
+
+
+@pytest.fixture(autouse=True)
+def no_progress_lines(monkeypatch):
+    """On a slow machine a command would print its progress, which tests of its output do not expect."""
+    monkeypatch.setattr(output, "SECONDS_BETWEEN_LINES", float("inf"))
