@@ -12,9 +12,15 @@ TUNED = tuple(f"finetune:parts={parts}" for parts in ("all", "style", "modulator
 WEIGHTS_ADAPTED = (*TUNED, "ema_anchor:parts=all", *FILTERS)
 NOISE_ADAPTED = ("kalman", "finetune:parts=all,every=4")
 EVERY_FOURTH = ("finetune:parts=last_layer,every=4", "ekf:parts=last_layer,every=4")
+KINDS = ("sudden", "gradual", "recurring")
+PEOPLE = [f"{name}: {k}" for name in ("style", "alpha", "places", "drone_class", "drone_scene") for k in KINDS]
+TRAFFIC = [f"{name}: {k}" for name in ("traffic_style", "traffic_scenario") for k in KINDS]
 
 ONLINE: Mapping[str, Test] = {
     "After a sudden change of style, the filters and hedge gain most": lower(
+        [*FILTERS, "hedge"], ["style", "refine", *WEIGHTS_ADAPTED[:5]], ["sudden"], panel="style"
+    ),
+    "After a sudden change of style, the filters and hedge have lower mean errors than the other adapters": mean(
         [*FILTERS, "hedge"], ["style", "refine", *WEIGHTS_ADAPTED[:5]], ["sudden"], panel="style"
     ),
     "The filters are within 10 % of the oracle after 90 matured forecasts, in all five runs": mean(
@@ -35,8 +41,11 @@ ONLINE: Mapping[str, Test] = {
     "When d = 0.3 comes back, the error has grown by 77 % or more where the style is read": mean(
         ["style", "refine"], ["none"], ["on return"], panel="style", ratio=(1.77, ANY)
     ),
-    "When d = 0.3 comes back, the error has grown least with hedge": mean(
-        ["hedge"], ["style", "refine", *WEIGHTS_ADAPTED], ["on return"], panel="style"
+    "When d = 0.3 comes back, the error has grown by 2 % or less with hedge": mean(
+        ["hedge"], ["none"], ["on return"], panel="style", ratio=(0, 1.02)
+    ),
+    "When d = 0.3 comes back, the error has grown by 10 to 15 % with hedge": mean(
+        ["hedge"], ["none"], ["on return"], panel="style", ratio=(1.1, 1.15)
     ),
     "Under another noise, kalman and tuning everything take a third or more off the error": mean(
         NOISE_ADAPTED, ["none"], panel="alpha", ratio=(0, 0.67)
@@ -47,7 +56,7 @@ ONLINE: Mapping[str, Test] = {
     "After a sudden change of noise, kalman and tuning everything stay above constant velocity": lower(
         ["constant_velocity"], NOISE_ADAPTED, ["sudden"], panel="alpha"
     ),
-    "Under another noise, hedge has a lower error than constant velocity": lower(
+    "Under another noise, hedge has a lower mean error than constant velocity, however the noise changes": mean(
         ["hedge"], ["constant_velocity"], panel="alpha"
     ),
     "After a sudden change of noise, hedge has a lower error than constant velocity for each seed": mean(
@@ -83,14 +92,20 @@ ONLINE: Mapping[str, Test] = {
     "From calm to aggressive drivers kalman has the highest error of the adapters": lower(
         ["finetune:parts=last_layer,every=4", "hedge"], ["kalman"], ["sudden"], panel="traffic_style"
     ),
-    "On drone video no adapter has a lower mean error than the source model after a sudden shift of class": mean(
-        ["none"], ["kalman", "hedge"], ["sudden"], panel="drone_class"
+    "On drone video kalman has a higher mean error than the source model after a sudden shift of class": mean(
+        ["none"], ["kalman"], ["sudden"], panel="drone_class"
+    ),
+    "On drone video hedge has a lower mean error than the source model after a sudden shift of class": mean(
+        ["hedge"], ["none"], ["sudden"], panel="drone_class"
     ),
     "On every stream and for every seed, hedge is within 2 % of its best expert in hindsight": mean(
         ["hedge"], ["best expert"], panel="regret", ratio=(0, 1.02), each_seed=True
     ),
-    "On every stream, the mean error of hedge is within 2 % of that of its best expert in hindsight": mean(
-        ["hedge"], ["best expert"], panel="regret", ratio=(0, 1.02)
+    "With crowds, at places and on drone video, hedge is within 2 % of its best expert for every seed": mean(
+        ["hedge"], ["best expert"], PEOPLE, panel="regret", ratio=(0, 1.02), each_seed=True
+    ),
+    "In traffic the mean error of hedge is up to 5 % above that of its best expert": mean(
+        ["hedge"], ["best expert"], TRAFFIC, panel="regret", ratio=(1, 1.05)
     ),
 }
 """The test of each sentence."""
