@@ -4,7 +4,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from motion_gym.catalog import adapter, domain, predictor
-from motion_gym.contract import FUTURE, HISTORY, Domain, Forecast, Observation, Predictor, Recording, Truth
+from motion_gym.contract import (
+    FUTURE,
+    HISTORY,
+    ActionError,
+    DataError,
+    Domain,
+    Forecast,
+    MotionGymError,
+    Observation,
+    Predictor,
+    PredictorError,
+    Recording,
+    SpecError,
+    Truth,
+)
 from motion_gym.stepping.registration import register, register_all
 
 if TYPE_CHECKING:
@@ -54,16 +68,21 @@ _LAZY = {
 __all__ = [
     "FUTURE",
     "HISTORY",
+    "ActionError",
+    "DataError",
     "Domain",
     "Forecast",
+    "MotionGymError",
     "Observation",
     "OnlineCard",
     "Outstanding",
     "Predictor",
+    "PredictorError",
     "RecordedDomain",
     "Recording",
     "Scorecard",
     "Segment",
+    "SpecError",
     "Stream",
     "Truth",
     "adapter",

@@ -117,6 +117,9 @@ class Tasks(concurrent.futures.Executor):
         reference.future().add_done_callback(finish)
         return future
 
+    def __exit__(self, kind: Any, value: Any, traceback: Any) -> None:
+        self.shutdown(wait=kind is None, cancel_futures=kind is not None)
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Cancel the tasks that are not finished, if they are to be cancelled, or wait for them."""
         import ray

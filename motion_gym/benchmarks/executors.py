@@ -5,14 +5,28 @@ from __future__ import annotations
 import concurrent.futures
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from motion_gym import cluster
 from motion_gym.specs import whole_number
 
 Opener = Callable[[int], concurrent.futures.Executor | None]
 """Opens the executor of a number of jobs; None where this process computes them."""
+
+
+class _Pool(concurrent.futures.ProcessPoolExecutor):
+    """Processes that are ended, with what they compute, when an exception leaves the pool, as by Ctrl-C."""
+
+    def __exit__(self, kind: Any, value: Any, traceback: Any) -> None:
+        if kind is not None:
+            workers = list((self._processes or {}).values())
+            self.shutdown(wait=False, cancel_futures=True)
+            for worker in workers:
+                worker.terminate()
+        super().__exit__(kind, value, traceback)
 
 
 def here(jobs: int) -> None:
@@ -31,7 +45,9 @@ def processes(most: int) -> Opener:
         if most == 1 or jobs < 2:
             return None
         context = multiprocessing.get_context("spawn")
-        return concurrent.futures.ProcessPoolExecutor(min(most, jobs), mp_context=context)
+        # Ctrl-C reaches every process of a terminal: this one ends the others.
+        ignore = (signal.SIGINT, signal.SIG_IGN)
+        return _Pool(min(most, jobs), mp_context=context, initializer=signal.signal, initargs=ignore)
 
     return open_pool
 

@@ -136,12 +136,8 @@ class Runner:
             return
         with executor:
             futures = {executor.submit(_compute, job): job for job in order}
-            try:
-                for future in concurrent.futures.as_completed(futures):
-                    yield futures[future], future.result
-            except BaseException:
-                executor.shutdown(wait=False, cancel_futures=True)
-                raise
+            for future in concurrent.futures.as_completed(futures):
+                yield futures[future], future.result
 
 
 def _with_columns(row: str, columns: Sequence[str]) -> str:

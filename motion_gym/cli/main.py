@@ -7,6 +7,7 @@ import importlib.metadata
 import io
 import os
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -59,6 +60,8 @@ RESUMED = ("score", "run", "adapt", "train")
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; errors are shown as one message, with exit status 2."""
+    if arguments is None:
+        signal.signal(signal.SIGTERM, _terminated)
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
         print(f"motion-gym {importlib.metadata.version('motion-gym')}")
@@ -97,6 +100,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if os.environ.get("MOTION_GYM_DEBUG"):
             raise
         _fail(f"{type(error).__name__}: {error}. (MOTION_GYM_DEBUG=1 shows where.)")
+
+
+def _terminated(number: int, frame: Any) -> None:
+    """End by an exception, so that processes that were started end, too."""
+    sys.exit(128 + number)
 
 
 def _fail(message: str) -> None:

@@ -32,6 +32,10 @@ ANSWER = "import sys; sys.path[:] = {}; from motion_gym.scoring.verification imp
 """Code of the fresh process."""
 
 
+_answering: list[bool] = []
+"""Not empty in a fresh process, which must not start another one."""
+
+
 def keep(predictor: Any) -> tuple[Any, str]:
     """The current state of a predictor, and why it cannot be pickled; this is empty if it can.
 
@@ -114,6 +118,11 @@ def _asked_in_order(
     Raises:
         PredictorError: the predictor fails in the fresh process.
     """
+    if _answering:
+        raise PredictorError(
+            f"{name_of(predictor)} is scored while its module is imported anew, to verify it: put what the module runs "
+            'under `if __name__ == "__main__":`.'
+        )
     state, reason = kept
     if isinstance(state, bytes):
         with tempfile.TemporaryFile() as said:
@@ -131,8 +140,8 @@ def _asked_in_order(
                     why = str(error) if isinstance(error, PredictorError) else last[:200] or "the process ended"
                     raise PredictorError(
                         f"{name_of(predictor)} fails when it is asked again in a fresh process, one scene at a time: "
-                        f"{why}. Let it need nothing but its own state; verify=False scores it without this check, and "
-                        "the score says so."
+                        f"{why.rstrip('.')}. Let it need nothing but its own state; verify=False scores it without "
+                        "this check, and the score says so."
                     ) from None
     copied = pickle.loads(state) if isinstance(state, bytes) else state
     return [ask(copied, scene, samples, seed) for scene in scenes], reason
@@ -157,13 +166,15 @@ def answer() -> None:
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what the predictor prints is no reply
     state, samples, seed = pickle.load(sys.stdin.buffer)
+    _answering.append(True)
     predictor: Any = None
-    reason = ""
+    reply: Any = ""
     try:
         predictor = pickle.loads(state)
+    except PredictorError as error:
+        reply = PredictorError(str(error))
     except Exception as error:  # a class of a user may raise anything
-        reason = f"{type(error).__name__}: {error}"[:200]
-    reply: Any = reason
+        reply = f"{type(error).__name__}: {error}"[:200]
     while True:
         pickle.dump(reply, replies)
         replies.flush()

@@ -1,13 +1,17 @@
 """The verb that runs a benchmark, as it is typed."""
 
+import contextlib
 import importlib.util
 import json
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import textwrap
+import time
+from pathlib import Path
 
 import pytest
 
@@ -202,3 +206,49 @@ def test_without_ray_the_message_says_how_to_install_it(capsys, line):
     with pytest.raises(SystemExit) as stopped:
         main(shlex.split(line))
     assert stopped.value.code == 2 and 'pip install "motion-gym[ray]"' in capsys.readouterr().err
+
+
+SLOW = """
+import pathlib, time
+
+class Slow:
+    def predict(self, observation, samples=1, seed=0):
+        pathlib.Path("begun").touch()
+        time.sleep(100)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_command_leaves_no_process_behind(folder, number, status):
+    (folder / "slow.py").write_text(SLOW)
+    line = "run baselines --predictor slow:Slow --jobs 2 --out out"
+    command = [sys.executable, "-m", "motion_gym", *shlex.split(line)]
+    output = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(command, cwd=folder, start_new_session=True, **output)
+    try:
+        deadline = time.monotonic() + 100
+        while not (folder / "begun").exists() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)  # as a terminal does
+        else:
+            process.terminate()
+        assert process.wait(timeout=50) == status
+        deadline = time.monotonic() + 20
+        while living(process.pid) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert not living(process.pid)
+    finally:
+        for number in living(process.pid):
+            os.kill(number, signal.SIGKILL)
+
+
+def living(group):
+    """Numbers of the processes of a group, without those that have ended and were not yet noticed."""
+    numbers = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, its_group, *_ = path.read_text().rpartition(")")[2].split()
+            if int(its_group) == group and state != "Z":
+                numbers.append(int(path.parent.name))
+    return numbers

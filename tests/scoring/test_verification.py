@@ -209,3 +209,19 @@ def test_a_predictor_of_a_script_travels(tmp_path, monkeypatch):
     finally:
         for name in ("mine", "helper"):
             sys.modules.pop(name, None)
+
+
+def test_a_module_that_evaluates_when_it_is_imported_starts_no_chain_of_processes(tmp_path, monkeypatch):
+    (tmp_path / "at_import.py").write_text(
+        "import motion_gym, numpy as np\n"
+        "class Mine:\n"
+        "    def predict(self, observation, samples=1, seed=0):\n"
+        "        return np.repeat(observation.xy[:, None, -1:], 12, axis=2)\n"
+        "motion_gym.evaluate(Mine(), 'orca:d=0.6,scenes=20')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        with pytest.raises(PredictorError, match='put what the module runs under `if __name__ == "__main__":`'):
+            evaluate("at_import:Mine", PLACE)
+    finally:
+        sys.modules.pop("at_import", None)
