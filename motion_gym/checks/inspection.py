@@ -92,7 +92,9 @@ def warnings_of(place: Any) -> list[str]:
     files = _files(place)
     if not files and is_shipped(place):
         return []
-    findings = [*_of_files(files), *_measurements(place, files, _recordings(place))]
+    recordings = _recordings(place)
+    counted = _of_domain(place, recordings) if files else []
+    findings = [*_of_files(files), *counted, *_measurements(place, files, recordings)]
     return [finding.warning for finding in findings if finding.warning]
 
 

@@ -47,6 +47,8 @@ def test_a_test_split_with_few_people_is_named(tmp_path):
     rows = [row for row in walk_rows(**FEW) if row[1] in (0, 1, 2) or row[0] < 700]
     found = report(tmp_path, rows, fps=25, split="0.5 0 0.5")
     assert "Only 3 of 8 agents have windows in the split `test`" in only(found, "split='0 0 1'")
+    scored = motion_gym.domain("tracks", path=str(tmp_path / "walk.csv"), fps=25, split="0.5 0 0.5")
+    assert warnings_of(scored) == found.warnings  # `score` prints them, too
 
 
 def as_feet(rows):

@@ -108,8 +108,9 @@ def _by_header(table: Table, columns: Sequence[str | int]) -> Columns:
     names = table.names or ()
     if len(columns) not in (3, 4):
         raise SpecError(
-            f"columns={_text(columns)!r} names {len(columns)} columns: name four of the header of {table.path}, in the "
-            f"order frame (or time), id, x, y; or three, without id, for a file of one person. {_header(table)}"
+            f"columns={_text(columns)!r} names {len(columns)} columns: name four of the header of {table.path}, with "
+            "spaces between them (on the command line in quotes), in the order frame (or time), id, x, y; or three, "
+            f"without id, for a file of one person. {_header(table)}"
         )
     places = [_number(table, c) if isinstance(c, int) else _position(table, c) for c in columns]
     if len(set(places)) < len(places):
