@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, SEEDS, Benchmark, Part, Study
+from motion_gym.benchmarks.objects import BASELINE, SEEDS, Benchmark, Part, Study
 from motion_gym.benchmarks.row_specs import weighted
 from motion_gym.training.plans import DISTANCES, SIDES, UNSEEN
 
@@ -36,7 +36,7 @@ def _combinations(title: str, weights: str, more: str = "") -> Part:
     return Part(
         title,
         {_name(*one): _spec(*one, more) for one in COMBINED},
-        (*FILTERS, "linear", "orca_oracle"),
+        (BASELINE, "linear", "orca_oracle"),
         (ONE_CODE, FACTORED),
         weights,
         references=REFERENCES,
