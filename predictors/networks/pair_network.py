@@ -170,16 +170,27 @@ def modulate(x: Tensor, codes: Tensor, weights: Weights, block: int) -> Tensor:
     """Add the modulator's output for codes [M, S or 1, 8] to x [M, S, C], the input of decoder block 1 or 2.
 
     With factors, x' = x + sum over factors f of g_f * m_f(x, c_f), where m_f is the modulator of a factor, c_f its
-    code, and the gates g [F, C] of ``gates`` share each unit among the factors.
+    code, and the gates g [F, C] of ``gates`` share each unit among the factors. In block 2, m_f is linear in x for each
+    code: m_f = W2 ((W1 x + b1) * V c_f) + b2, so that it has the same effect on values of x that it was not trained on.
     """
     parts = _parts("modulator", weights)
     changes = []
     for name, part in zip(parts, codes.chunk(len(parts), dim=-1), strict=True):
+        if len(parts) > 1 and block == 2:
+            changes.append(_product(x, part, weights, name))
+            continue
         joined = torch.cat([x, part.expand(len(x), x.shape[1], -1)], dim=-1)
         changes.append(layers(joined, weights, name, 2 * block - 1, 2 * block))
     if len(parts) == 1:
         return x + changes[0]
     return x + (torch.stack(changes, dim=1) * gates(weights, block)[:, :, None]).sum(dim=1)
+
+
+def _product(x: Tensor, codes: Tensor, weights: Weights, part: str) -> Tensor:
+    """Output [M, S, C] of a modulator of block 2 with factors; its first layer holds W1 above V."""
+    first, second = weights[f"{part}.weight3"].split([x.shape[-1], codes.shape[-1]], dim=1)
+    hidden = torch.baddbmm(weights[f"{part}.bias3"][:, None], x, first) * (codes @ second)
+    return layer(hidden, weights, part, 4)
 
 
 def gates(weights: Weights, block: int) -> Tensor:

@@ -25,7 +25,7 @@ TARGETS = {
 @pytest.fixture(scope="module")
 def study():
     pytest.importorskip("torch")
-    return json.loads(json.dumps(swaps(["modular", "modular_factors"], "factors", TARGETS, [0, 1], 32)))
+    return json.loads(json.dumps(swaps("Swaps", ["modular", "modular_factors"], "factors", TARGETS, [0, 1], 32)))
 
 
 def test_a_swap_of_a_factor_changes_this_factor_of_the_forecasts(study):

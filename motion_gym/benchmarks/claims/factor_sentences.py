@@ -30,6 +30,9 @@ def _on(circle: str, panel: str, study: str) -> dict[str, Test]:
         f"{circle} a network with one code is at most 10 % worse on the unseen combinations": mean(
             [ONE_CODE], columns=["unseen"], than_column="mirror images", panel=panel, ratio=WITHIN
         ),
+        f"{circle} the split lowers the mean error on the combinations of training": mean(
+            [FACTORED], [ONE_CODE], ["trained"], panel=panel
+        ),
         f"{circle} the error falls when the code of the side is swapped for the right one": lower(
             [RIGHT], [SIDE_WRONG], ERRORS, panel=study
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, SEEDS, Benchmark, Part, Study
+from motion_gym.benchmarks.objects import BASELINE, SEEDS, Benchmark, Part, Study
 from motion_gym.benchmarks.row_specs import weighted
 from motion_gym.training.plans import DISTANCES, SIDES, UNSEEN
 
@@ -36,7 +36,7 @@ def _combinations(title: str, weights: str, more: str = "") -> Part:
     return Part(
         title,
         {_name(*one): _spec(*one, more) for one in COMBINED},
-        (*FILTERS, "linear", "orca_oracle"),
+        (BASELINE, "linear", "orca_oracle"),
         (ONE_CODE, FACTORED),
         weights,
         references=REFERENCES,
@@ -65,8 +65,9 @@ def _targets(more: str = "") -> dict[str, dict[str, str]]:
     }
 
 
-def _swaps(name: str, weights: str, more: str = "") -> Study:
+def _swaps(name: str, title: str, weights: str, more: str = "") -> Study:
     arguments: dict[str, Any] = {
+        "title": title,
         "rows": (ONE_CODE, FACTORED),
         "weights": weights,
         "targets": _targets(more),
@@ -95,8 +96,8 @@ FACTORS = Benchmark(
         _combinations("Blind: on a circle of 7 m agents meet after the observed steps", "factors/blind", ",radius=7"),
     ),
     studies=(
-        _swaps("swaps", "factors"),
-        _swaps("swaps_blind", "factors/blind", ",radius=7"),
+        _swaps("swaps", "Swaps of one factor", "factors"),
+        _swaps("swaps_blind", "Swaps of one factor on the blind circle", "factors/blind", ",radius=7"),
         Study(
             "passing_sides",
             "motion_gym.benchmarks.studies.factor_studies:passing_sides",

@@ -38,7 +38,7 @@ def swaps(study: Mapping[str, Any]) -> Table:
         "the share of scenes whose forecasts pass on the right."
     )
     note = f"unit {study['unit']}, dt {study['dt']:g} s, horizon {FUTURE * study['dt']:g} s"
-    return Table("Swaps of one factor", ["method", "measure", "codes from", *targets], rows, [note], caption)
+    return Table(study["title"], ["method", "measure", "codes from", *targets], rows, [note], caption)
 
 
 def swap_panel(name: str, study: Mapping[str, Any]) -> Panel:
@@ -53,7 +53,7 @@ def swap_panel(name: str, study: Mapping[str, Any]) -> Panel:
         for case, by_measure in stored["values"].items()
         for measure, values in by_measure.items()
     }
-    return Panel(name, errors, (), "Swaps of one factor", "by codes")
+    return Panel(name, errors, (), study["title"], "by codes")
 
 
 def passing_sides(study: Mapping[str, Any]) -> Table:

@@ -23,6 +23,7 @@ AGENTS = 2
 
 
 def swaps(
+    title: str,
     rows: Sequence[str],
     weights: str,
     targets: Mapping[str, Mapping[str, str]],
@@ -34,6 +35,7 @@ def swaps(
     A predictor with one code reads it from the scenes of both factors together.
 
     Args:
+        title: Heading of the table.
         rows: Predictors with a style.
         weights: Name of their weights.
         targets: By name: ``scored``, the domain that is scored, and the domains that codes are read from: ``side`` and
@@ -42,10 +44,10 @@ def swaps(
         references: Number of reference scenes of each domain.
 
     Returns:
-        ``rows``: row -> target -> ``values``: codes -> measure -> mean of each seed, and ``changes``: factor ->
-        measure -> mean, low and high of the paired 95 % interval, over scenes and seeds, of the values with both codes
-        right minus those with the wrong code of the factor. Measures: ``ADE``; ``distance``, the smallest one between
-        the forecasts of a scene; and ``right``, the share of scenes whose forecasts pass on the right.
+        ``title``; ``rows``: row -> target -> ``values``: codes -> measure -> mean of each seed, and ``changes``: factor
+        -> measure -> mean, low and high of the paired 95 % interval, over scenes and seeds, of the values with both
+        codes right minus those with the wrong code of the factor. Measures: ``ADE``; ``distance``, the smallest one
+        between the forecasts of a scene; and ``right``, the share of scenes whose forecasts pass on the right.
     """
     result: dict[str, Any] = {}
     for row in rows:
@@ -75,7 +77,7 @@ def swaps(
                 },
             }
     card = catalog.domain(next(iter(targets.values()))["scored"]).card
-    return {"rows": result, "references": references, "unit": card.unit, "dt": card.dt}
+    return {"title": title, "rows": result, "references": references, "unit": card.unit, "dt": card.dt}
 
 
 def passing_sides(domains: Mapping[str, str]) -> dict[str, Any]:
