@@ -83,6 +83,9 @@ def swaps(
 def passing_sides(domains: Mapping[str, str]) -> dict[str, Any]:
     """The share of encounters in which people pass each other on the right; see ``metrics.passing.encounters``.
 
+    The y axis must be to the left of the x axis, seen from above: in ETH-UCY it is, by the published homographies from
+    images to the ground. Images of ``sdd`` have it downwards, and are mirrored.
+
     Args:
         domains: Specs of domains in metres, by name; all recordings of their split ``test`` are read.
 
