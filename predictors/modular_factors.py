@@ -35,7 +35,7 @@ class ModularFactors(Modular):
     """
 
     kind: ClassVar[str] = "modular_factors"
-    sets: ClassVar[tuple[str, ...]] = ("factors", "factors/blind")
+    sets: ClassVar[tuple[str, ...]] = ("factors",)
     program: ClassVar[type[StyleProgram]] = FactorProgram
     factors: ClassVar[tuple[str, ...]] = FACTORS
     """Parameters of a domain that have a code of their own."""
