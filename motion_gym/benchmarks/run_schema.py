@@ -28,9 +28,10 @@ KEYS: Mapping[str, str] = {
 TYPES: Mapping[str, tuple[Any, str]] = {
     "number": (
         (int, float, type(None)),
-        "mean low high replicates agent_windows scenes agents dt seconds k samples seed reference_scenes "
-        "reference_draws shots references censored updates skipped rolled_back errors scoring_version",
+        "mean low high replicates agent_windows scenes agents dt k samples seed reference_scenes "
+        "reference_draws shots references censored updates skipped rolled_back scoring_version",
     ),
+    "number or object": ((int, float, type(None), dict), "seconds errors"),
     "text": (
         str,
         "finished predictor domain spec split protocol scored selection row of stream labels scope study unit",

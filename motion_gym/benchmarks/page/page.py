@@ -180,11 +180,11 @@ def _chart(chart: Curves) -> dict[str, Any]:
         mean: list[float | None] = [None] * len(x)
         spread: list[float | None] = [None] * len(x)
         for value, middle, deviation in zip(line.x.tolist(), line.mean, line.deviation, strict=True):
-            mean[place[value]], spread[place[value]] = _rounded([middle, deviation])
+            mean[place[value]], spread[place[value]] = _rounded([middle, deviation], 3)
         lines.append({"name": row, "color": styles[row][0], "dash": styles[row][1], "mean": mean, "deviation": spread})
     return {
         "title": chart.title,
-        "x": _rounded(x, 6),
+        "x": _rounded(x, 5),
         "x_label": chart.x_label,
         "y_label": chart.y_label,
         "scale": chart.scale,
