@@ -28,10 +28,9 @@ KEYS: Mapping[str, str] = {
 TYPES: Mapping[str, tuple[Any, str]] = {
     "number": (
         (int, float, type(None)),
-        "mean low high replicates agent_windows scenes agents dt k samples seed reference_scenes "
+        "mean low high replicates agent_windows scenes agents dt seconds k samples seed reference_scenes "
         "reference_draws shots references censored updates skipped rolled_back scoring_version",
     ),
-    "number or object": ((int, float, type(None), dict), "seconds errors"),
     "text": (
         str,
         "finished predictor domain spec split protocol scored selection row of stream labels scope study unit",
@@ -56,7 +55,8 @@ def problem_of(content: Any) -> str:
     missing = next((path for path in KEYS[kind].split() if not _has(content, path.split("."))), None)
     if missing:
         return f"it has no `{missing}`"
-    wrong = next((path for path in KEYS[kind].split() if not _is_of_its_type(content, path.split("."))), None)
+    typed = [path for path in KEYS[kind].split() if (kind, path) != ("drive", "seconds")]  # of forecasts and of plans
+    wrong = next((path for path in typed if not _is_of_its_type(content, path.split("."))), None)
     return f"its `{wrong}` is no {_TYPE_OF[wrong.rpartition('.')[2]][0]}" if wrong else ""
 
 
