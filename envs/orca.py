@@ -140,9 +140,8 @@ class Orca(RecordedDomain):
         """Positions [S, 20, N, 2] float32 of a split, from the cache if possible."""
         self.check_split(split)
         starts = self.scenes or STARTS[split]
-        key = {**self.parameters, "scenes": starts, "name": "orca", "split": split, "engine": ENGINE_VERSION}
-        if self.side is None:
-            del key["side"]
+        stated = {name: value for name, value in self.parameters.items() if value is not None}
+        key = {**stated, "scenes": starts, "name": "orca", "split": split, "engine": ENGINE_VERSION}
         make = functools.partial(self._simulate, split, starts)
         return self.kept(f"simulation of {split}", lambda: cached_arrays(key, make))
 

@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import motion_gym
-from motion_gym.contract import DataError, Forecast, Recording, SpecError
+from motion_gym.contract import DataError, Forecast, Recording
 from motion_gym.data.windows import pick_scenes, positions_only
 from motion_gym.metrics.errors import ade
 from motion_gym.stepping.clocks import Step, WindowsClock
 from motion_gym.stepping.harness import ask
-from motion_gym.stepping.outstanding import Outstanding
 from motion_gym.stepping.stream_clock import StreamClock
 from tests.clock_plays import play, positions_for, recordings, some
 from tests.windows import windows_of
@@ -299,35 +298,6 @@ def test_recordings_of_one_stream_have_one_time_step():
     places = [Recording(np.arange(9), np.zeros(9, np.int64), np.zeros((9, 2)), dt) for dt in (0.4, 0.5)]
     with pytest.raises(DataError, match=r"\[0.4, 0.5\]"):
         StreamClock(places)
-
-
-def test_weights_say_which_sample_is_scored():
-    truth = windows_of([Recording(np.arange(20), np.zeros(20, np.int64), np.zeros((20, 2)), 0.4)])
-    positions = np.stack([np.full((1, 12, 2), 3.0), np.zeros((1, 12, 2))], axis=1).astype(np.float32)
-    for weights, expected in ((None, -np.hypot(3, 3)), ([[0.4, 0.6]], 0.0), ([[0.6, 0.4]], -np.hypot(3, 3))):
-        forecast = Forecast(positions, None if weights is None else np.array(weights, np.float32))
-        windows, stream = (
-            WindowsClock(truth),
-            StreamClock([Recording(np.arange(9), np.zeros(9, np.int64), np.zeros((9, 2)), 0.4)]),
-        )
-        windows.reset(), stream.reset()
-        assert windows.step(forecast).reward.tolist() == stream.step(forecast).reward.tolist() == [expected]
-
-
-def test_a_ledger_keeps_weights_and_is_empty_at_first():
-    ledger = Outstanding(keep=True)
-    assert ledger.settled == ledger.matured == ledger.censored == 0
-    with pytest.raises(SpecError, match="empty"):
-        ledger.read()
-    clock = StreamClock([Recording(np.arange(22), np.zeros(22, np.int64), np.zeros((22, 2)), 0.4)])
-    step, weights = clock.reset(), np.array([[0.3, 0.7]], np.float32)
-    while len(step.observation):
-        step = clock.step(Forecast(positions_for(step.identity.tolist(), clock.time), weights))
-    ledger = clock.ledger
-    assert (ledger.matured, ledger.censored) == (3, 12)
-    forecast, _ = ledger.read()
-    np.testing.assert_array_equal(forecast.weights, np.repeat(weights, 15, axis=0))
-    assert len(ledger.matured_only()[0].weights) == 3
 
 
 def test_a_stream_of_nothing_is_over_at_once():

@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from motion_gym.contract import DataError, Forecast, Observation, PredictorError
+from motion_gym.contract import DataError, Forecast, Observation, PredictorError, Recording, SpecError
 from motion_gym.stepping.outstanding import Outstanding
+from motion_gym.stepping.stream_clock import StreamClock
+from tests.clock_plays import positions_for
 
 
 def observation(agents=2, seed=0):
@@ -121,3 +123,19 @@ def test_truth_that_is_not_finite_is_refused_where_it_is_known(waiting, value):
         waiting.settle(3, future, known)
     known[1, 6] = False
     assert np.isfinite(waiting.settle(3, future, known)[1].future).all()
+
+
+def test_a_ledger_keeps_weights_and_is_empty_at_first():
+    ledger = Outstanding(keep=True)
+    assert ledger.settled == ledger.matured == ledger.censored == 0
+    with pytest.raises(SpecError, match="empty"):
+        ledger.read()
+    clock = StreamClock([Recording(np.arange(22), np.zeros(22, np.int64), np.zeros((22, 2)), 0.4)])
+    step, weights = clock.reset(), np.array([[0.3, 0.7]], np.float32)
+    while len(step.observation):
+        step = clock.step(Forecast(positions_for(step.identity.tolist(), clock.time), weights))
+    ledger = clock.ledger
+    assert (ledger.matured, ledger.censored) == (3, 12)
+    forecast, _ = ledger.read()
+    np.testing.assert_array_equal(forecast.weights, np.repeat(weights, 15, axis=0))
+    assert len(ledger.matured_only()[0].weights) == 3

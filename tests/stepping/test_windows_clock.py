@@ -8,11 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import motion_gym
-from motion_gym.contract import Observation, Truth
+from motion_gym.contract import Forecast, Observation, Recording, Truth
 from motion_gym.metrics.errors import ade
 from motion_gym.stepping.clocks import WindowsClock
 from motion_gym.stepping.harness import ask
+from motion_gym.stepping.stream_clock import StreamClock
 from tests.clock_plays import play, positions_for, some
+from tests.windows import windows_of
 
 
 @some
@@ -65,3 +67,16 @@ def test_the_real_windows_clock_scores_as_offline(eth_ucy):
         rewards.append(step.reward)
     np.testing.assert_array_equal(-np.concatenate(rewards), ade(ask(predictor, truth.observation), truth))
     assert -np.concatenate(rewards).mean() == pytest.approx(0.995, abs=5e-4)
+
+
+def test_weights_say_which_sample_is_scored():
+    truth = windows_of([Recording(np.arange(20), np.zeros(20, np.int64), np.zeros((20, 2)), 0.4)])
+    positions = np.stack([np.full((1, 12, 2), 3.0), np.zeros((1, 12, 2))], axis=1).astype(np.float32)
+    for weights, expected in ((None, -np.hypot(3, 3)), ([[0.4, 0.6]], 0.0), ([[0.6, 0.4]], -np.hypot(3, 3))):
+        forecast = Forecast(positions, None if weights is None else np.array(weights, np.float32))
+        windows, stream = (
+            WindowsClock(truth),
+            StreamClock([Recording(np.arange(9), np.zeros(9, np.int64), np.zeros((9, 2)), 0.4)]),
+        )
+        windows.reset(), stream.reset()
+        assert windows.step(forecast).reward.tolist() == stream.step(forecast).reward.tolist() == [expected]
