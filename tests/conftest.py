@@ -15,8 +15,11 @@ if "MOTION_GYM_DATA" not in os.environ and (SHARED / "data" / "eth_ucy").is_dir(
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory):
-    """Cache scenes in a folder of the test run."""
-    os.environ["MOTION_GYM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+    """Cache scenes in a folder of the test run, one for all of its workers."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    os.environ["MOTION_GYM_CACHE"] = str(folder / "cache")
 
 
 @pytest.fixture(scope="session")
