@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 
 from motion_gym.contract import SpecError
@@ -15,12 +16,20 @@ INSTALL = 'pip install "motion-gym[highway]" (from a checkout: pip install ".[hi
 
 def check_package() -> None:
     """Raise SpecError unless highway-env is installed in the version that the engine needs."""
-    try:
-        version = importlib.metadata.version("highway-env")
-    except importlib.metadata.PackageNotFoundError:
-        raise SpecError(f"Domain `highway` needs highway-env {VERSION}, which is not installed: {INSTALL}.") from None
+    version = installed()
+    if version is None:
+        raise SpecError(f"Domain `highway` needs highway-env {VERSION}, which is not installed: {INSTALL}.")
     if version != VERSION and not version.startswith(f"{VERSION}."):
         raise SpecError(
             f"Domain `highway` needs highway-env {VERSION}, and {version} is installed, which may simulate other "
             f"tracks: {INSTALL}."
         )
+
+
+@functools.cache
+def installed() -> str | None:
+    """Version of highway-env, which is looked up once: that takes 3 ms, and every episode asks."""
+    try:
+        return importlib.metadata.version("highway-env")
+    except importlib.metadata.PackageNotFoundError:
+        return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import pickle
 
 import gymnasium
@@ -12,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import motion_gym
 from motion_gym.contract import ActionError, ParameterError, SpecError
+from motion_gym.envs.highway_engine import package
 from tests.traffic import needs_highway_env
 
 SMALL = {"scenario": "roundabout", "runs": 1, "seconds": 30.0}
@@ -125,10 +125,7 @@ def test_a_forecast_of_the_wrong_shape_and_an_unknown_option_are_named():
 
 
 def test_highway_env_is_named_where_it_is_missing(monkeypatch):
-    def missing(name):
-        raise importlib.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(importlib.metadata, "version", missing)
+    monkeypatch.setattr(package, "installed", lambda: None)
     from motion_gym.driving.gymnasium_env import DriveEnv
 
     with pytest.raises(SpecError, match=r'not installed: pip install "motion-gym\[highway\]"'):

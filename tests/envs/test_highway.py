@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import math
 import pickle
 
@@ -15,6 +14,7 @@ import motion_gym
 from motion_gym.contract import ParameterError, SpecError
 from motion_gym.data.overlap import trained_on_scored
 from motion_gym.envs.highway import RUNS, SCENARIOS, Highway
+from motion_gym.envs.highway_engine import package
 from motion_gym.envs.highway_engine.styles import SOURCE_STYLES, STYLES
 from tests.traffic import SMALL, needs_highway_env
 
@@ -189,12 +189,7 @@ def test_an_unknown_parameter_or_split_is_named():
 
 @pytest.mark.parametrize(("version", "message"), [(None, "is not installed"), ("1.11.2", "1.11.2 is installed")])
 def test_a_missing_or_other_highway_env(version, message, fresh_cache, monkeypatch):
-    def installed(name):
-        if version is None:
-            raise importlib.metadata.PackageNotFoundError(name)
-        return version
-
-    monkeypatch.setattr(importlib.metadata, "version", installed)
+    monkeypatch.setattr(package, "installed", lambda: version)
     domain = motion_gym.domain("highway", **SMALL)
     with pytest.raises(SpecError, match=rf'{message}.*pip install "motion-gym\[highway\]"'):
         domain.windows("test")
