@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
+
+from motion_gym.compiled import compiled
 
 ZERO, HALF, ONE, TINY = np.float32(0), np.float32(0.5), np.float32(1), np.float32(1e-30)
 
 # Without fastmath no operation is reordered or fused.
-loop: Any = njit(cache=True, nogil=True, error_model="numpy")
+loop = compiled()
 
 
 @loop

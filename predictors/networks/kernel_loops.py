@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 from numpy import float32
+
+from motion_gym.compiled import compiled
 
 SLOPE = 0.2
 """Slope of the leaky rectifier in the attention logits."""
@@ -14,7 +13,7 @@ EPSILON = 1e-5
 """Added to the variance in the normalisation over the agents of a scene."""
 
 # The compiler may reorder sums, to vectorise them, but must not assume that no value is NaN.
-kernel: Any = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+kernel = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @kernel

@@ -1,11 +1,13 @@
 """The results page: leaderboard, ranks, own rows, hostile names and scenes; tests/page has what a browser shows."""
 
+import base64
 import json
 import re
 import subprocess
 import sys
 import urllib.error
 import urllib.request
+import zlib
 
 import numpy as np
 import pytest
@@ -25,7 +27,8 @@ def command(*arguments, **options):
 
 
 def data_of(text):
-    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1])
+    packed = re.search(r'<script type="text/plain" id="data">(.*?)</script>', text)[1]
+    return json.loads(zlib.decompress(base64.b64decode(packed)))
 
 
 @pytest.fixture(scope="module")
