@@ -45,7 +45,7 @@ STYLE = Benchmark(
     (
         _styles(
             "Style shift: trained with d = 0.1, 0.3, 0.5",
-            ("style_erm", "style_invariant", "modular", "modular_invariant", *EGO),
+            ("style_erm", "style_invariant", "modular", "modular_invariant", *EGO, "kalman_residual"),
             "style",
             plain=(*FILTERS, "linear", "orca_oracle"),
             references=REFERENCES,
@@ -99,7 +99,7 @@ CROWD = Benchmark(
     (
         _styles(
             "Crowds of ten agents on the circle: trained with d = 0.1, 0.3, 0.5",
-            ("erm_no_sigma", "modular_stgat", "ego_erm"),
+            ("erm_no_sigma", "modular_stgat", "ego_erm", "kalman_residual"),
             "style/crowd",
             ",agents=10,scenes=1000",
             (*FILTERS, "linear", "orca_oracle"),
