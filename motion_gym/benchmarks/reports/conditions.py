@@ -81,11 +81,17 @@ def leaks(results: Iterable[Result]) -> list[str]:
 
 
 def selections(results: Iterable[Result]) -> list[str]:
-    """How the weights of each row were selected."""
-    rows: dict[str, dict[str, None]] = {}
+    """How the weights of each row were selected; rows that differ only in their epochs share a sentence."""
+    rows: dict[str, dict[str, dict[str, None]]] = {}
     for result in results:
-        rows.setdefault(result["selection"], {})[row_name(result["predictor"])] = None
-    return [f"selection, {', '.join(names)}: {text}" for text, names in rows.items()]
+        text, _, epochs = result["selection"].partition("; trained for ")
+        rows.setdefault(text, {}).setdefault(epochs, {})[row_name(result["predictor"])] = None
+    return [f"selection, {_names(groups)}: {text}" for text, groups in rows.items()]
+
+
+def _names(groups: Mapping[str, Iterable[str]]) -> str:
+    """Names of rows, each group with its epochs, as ``a, b (100 epochs), c (30 epochs)``."""
+    return ", ".join(", ".join(names) + (f" ({epochs})" if epochs else "") for epochs, names in groups.items())
 
 
 def in_order(results: Sequence[Result]) -> list[Result]:
