@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motion_gym.benchmarks import drives, own_rows, running
+from motion_gym.benchmarks.claims import claims_page
 from motion_gym.benchmarks.drives import Drives
 from motion_gym.benchmarks.objects import Benchmark
 from motion_gym.benchmarks.reports import drive_tables, pages
@@ -39,6 +40,10 @@ def test_driven_episodes_are_stored_and_shown_with_an_own_row(tmp_path, monkeypa
     ]  # fmt: skip
     assert any("LateSensor failed in" in note and "no sensor yet" in note for note in scores.notes)
     assert len(details.rows) == 4 and [row[0] for row in ranks.rows] == ["ADE", "FDE", "MR_2m"]
+    (panel,) = claims_page.panels_of(results)
+    assert panel.name == "replay" and panel.columns == ("all", "normal")
+    means = [1 - run["metrics"]["score"]["mean"] for run in results.drives[0][1] if run["predictor"] == "oracle"]
+    assert panel.errors["oracle", "normal"] == pytest.approx(means) == panel.errors["oracle", "all"]
     written = pages.write(results, tmp_path / "tables")
     assert {path.name for path in written} == {"tables.md", "score_by_error_1.svg"}
 

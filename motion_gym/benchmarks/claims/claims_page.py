@@ -18,6 +18,7 @@ from motion_gym.benchmarks.claims.panels import (
 )
 from motion_gym.benchmarks.claims.sentences import CLAIMS
 from motion_gym.benchmarks.objects import EVERYWHERE, NOWHERE, Claim
+from motion_gym.benchmarks.reports.drive_tables import loss_panel
 from motion_gym.benchmarks.reports.factor_tables import swap_panel
 from motion_gym.benchmarks.reports.online_tables import regret_panel, shift_panel
 from motion_gym.benchmarks.reports.published_tables import original_panel, spurious_panel
@@ -25,9 +26,10 @@ from motion_gym.benchmarks.reports.table import Table, p_text
 
 INTRODUCTION = (
     "Every sentence about results, the numbers behind it, the test, and whether it holds, made from the stored runs. A "
-    "ratio is the mean ADE of a row over the mean ADE of the row that it is compared with. p-values are of two-sided "
-    "paired t-tests over seeds, corrected for the number of distinct tests in each table (Holm). A sentence that does "
-    "not hold is followed by a sentence that does, where there is one."
+    "ratio is the mean ADE of a row over the mean ADE of the row that it is compared with; in `planning`, of what the "
+    "planner loses, 1 - score. p-values are of two-sided paired t-tests over seeds, corrected for the number of "
+    "distinct tests in each table (Holm). A sentence that does not hold is followed by a sentence that does, where "
+    "there is one."
 )
 PUBLISHED = {"spurious": spurious_panel, "original": original_panel}
 """Panels with the paper's numbers, by benchmark."""
@@ -50,6 +52,7 @@ def panels_of(results: running.Results) -> list[Panel]:
         panels.append(
             shift_panel(name, shifts.title, {kind: results.stream_rows(name, kind) for kind in shifts.streams})
         )
+    panels += [loss_panel(drives, runs) for drives, runs in results.drives if runs]
     if combined := results.with_experts():
         panels.append(regret_panel(combined))
     if results.benchmark.name in PUBLISHED:

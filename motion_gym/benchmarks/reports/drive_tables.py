@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from motion_gym.benchmarks.claims.panels import Panel
 from motion_gym.benchmarks.drives import Drives
 from motion_gym.benchmarks.identity import row_name
 from motion_gym.benchmarks.objects import ORACLE
@@ -52,6 +53,15 @@ def score_table(drives: Drives, results: Sequence[Result]) -> Table:
     ]
     caption = "Composite score of the planner, 0 to 1, higher is better"
     return Table(drives.title, ["forecasts by", ALL, *drives.domains], rows, notes, caption)
+
+
+def loss_panel(drives: Drives, results: Sequence[Result]) -> Panel:
+    """What the planner lost, 1 - score, by row and column, for claims; the panel has the name of ``Drives.others``."""
+    cells = by_cell(drives, results)
+    columns = tuple(drives.domains)
+    losses = {(row, column): 1 - means(cells, row, column, "score") for row in _rows(cells) for column in columns}
+    losses |= {(row, ALL): np.mean([losses[row, column] for column in columns], axis=0) for row in _rows(cells)}
+    return Panel(drives.others, losses, (ALL, *columns), drives.title)
 
 
 def detail_table(drives: Drives, results: Sequence[Result]) -> Table:
