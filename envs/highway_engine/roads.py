@@ -21,6 +21,10 @@ WIDTH = AbstractLane.DEFAULT_WIDTH
 NONE, STRIPED, LINE = LineType.NONE, LineType.STRIPED, LineType.CONTINUOUS_LINE
 TOUCHING = 0.5
 """Largest distance, in metres, between the end of a lane and the start of the lane that continues it."""
+BESIDE = 1.0
+"""A vehicle is on a lane if its centre is at most this far beside it, metres."""
+BOX_MARGIN = 2.0
+"""Margin of the boxes in which vehicles are looked for, metres: more than what a bend rises between their points."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,9 @@ class TrafficRoad(Road):
             index[:2]: [other for other in lanes if other[0] in index[:2]] for index in lanes
         }
         """Lanes on which a vehicle of a road can be one step later."""
+        self._boxes = np.array([_box(lane) for lane in lanes.values()])
+        self._rows = {index: row for row, index in enumerate(lanes)}
+        self._inside: list[list[bool]] = []
         self._placed: dict[Any, list[tuple[float, Any]]] = {}
 
     def act(self) -> None:
@@ -121,11 +128,17 @@ class TrafficRoad(Road):
     def placed(self, index: Any) -> list[tuple[float, Any]]:
         """Longitudinal coordinate, in metres, and vehicle of all vehicles that are on a lane or move into it."""
         if index not in self._placed:
+            if not self._placed:
+                xy = np.array([vehicle.position for vehicle in self.vehicles]).reshape(-1, 2)
+                low, high = self._boxes[:, None, :2], self._boxes[:, None, 2:]
+                self._inside = ((low < xy) & (xy < high)).all(axis=2).tolist()
             lane = self.network.get_lane(index)
             here = []
-            for vehicle in self.vehicles:
+            for vehicle, inside in zip(self.vehicles, self._inside[self._rows[index]], strict=True):
+                if not inside and vehicle.target_lane_index != index:
+                    continue
                 s, lateral = lane.local_coordinates(vehicle.position)
-                if vehicle.target_lane_index == index or lane.on_lane(vehicle.position, s, lateral, margin=1):
+                if vehicle.target_lane_index == index or lane.on_lane(vehicle.position, s, lateral, margin=BESIDE):
                     here.append((s, vehicle))
             self._placed[index] = here
         return self._placed[index]
@@ -150,6 +163,14 @@ class TrafficRoad(Road):
                 elif rear_s < s < own:
                     rear_s, rear = s, neighbour
         return front, rear
+
+
+def _box(lane: Any) -> tuple[float, float, float, float]:
+    """Smallest x and y, and largest x and y, of vehicles that can be on a lane, in metres, with a margin."""
+    along = np.linspace(-lane.VEHICLE_LENGTH, lane.length + lane.VEHICLE_LENGTH, 17)
+    beside = lane.width / 2 + BESIDE
+    xy = np.array([lane.position(s, lateral) for s in along for lateral in (-beside, beside)])
+    return (*(xy.min(axis=0) - BOX_MARGIN).tolist(), *(xy.max(axis=0) + BOX_MARGIN).tolist())
 
 
 def straight() -> Scenario:

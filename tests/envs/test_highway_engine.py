@@ -62,6 +62,7 @@ def placed(traffic: Traffic, lane, position: float, speed: float, **options) -> 
         setattr(vehicle, name, value)
     traffic._numbers[vehicle] = 1000 + len(traffic._numbers)
     traffic.road.vehicles.append(vehicle)
+    traffic.road._placed.clear()
     return vehicle
 
 
@@ -90,6 +91,24 @@ def test_neighbours_are_those_of_the_package():
             assert road.neighbour_vehicles(vehicle, index) == Road.neighbour_vehicles(road, vehicle, index)
             compared += 1
     assert compared > 30
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_every_vehicle_on_a_lane_is_found_there(scenario):
+    road = TrafficRoad(SCENARIOS[scenario](), np.random.default_rng(0))
+    kind, rng = vehicle_class(STYLES["normal"]), np.random.default_rng(1)
+    lanes = road.network.lanes_dict()
+    for lane in lanes.values():
+        for s in rng.uniform(-6, lane.length + 6, 20):
+            road.vehicles.append(kind(road, lane.position(s, rng.uniform(-4, 4)), lane.heading_at(s), 5.0))
+    for index, lane in lanes.items():
+        coordinates = [lane.local_coordinates(vehicle.position) for vehicle in road.vehicles]
+        there = [
+            (s, vehicle)
+            for (s, lateral), vehicle in zip(coordinates, road.vehicles, strict=True)
+            if vehicle.target_lane_index == index or lane.on_lane(vehicle.position, s, lateral, margin=1)
+        ]
+        assert len(there) > 15 and road.placed(index) == there
 
 
 def test_a_follower_sees_a_leader_on_the_next_road():
