@@ -131,11 +131,12 @@ class TrafficRoad(Road):
             if not self._placed:
                 xy = np.array([vehicle.position for vehicle in self.vehicles]).reshape(-1, 2)
                 low, high = self._boxes[:, None, :2], self._boxes[:, None, 2:]
-                self._inside = ((low < xy) & (xy < high)).all(axis=2).tolist()
+                inside: Any = (low < xy) & (xy < high)
+                self._inside = inside.all(axis=2).tolist()
             lane = self.network.get_lane(index)
             here = []
-            for vehicle, inside in zip(self.vehicles, self._inside[self._rows[index]], strict=True):
-                if not inside and vehicle.target_lane_index != index:
+            for vehicle, near in zip(self.vehicles, self._inside[self._rows[index]], strict=True):
+                if not near and vehicle.target_lane_index != index:
                     continue
                 s, lateral = lane.local_coordinates(vehicle.position)
                 if vehicle.target_lane_index == index or lane.on_lane(vehicle.position, s, lateral, margin=BESIDE):
