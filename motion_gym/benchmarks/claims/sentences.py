@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from motion_gym.benchmarks.claims.claim_tests import ANY, Test, lower, mean
+from motion_gym.benchmarks.claims.driving_sentences import DRIVING
 from motion_gym.benchmarks.claims.factor_sentences import FACTOR_CLAIMS
 from motion_gym.benchmarks.claims.stream_sentences import ONLINE
 from motion_gym.benchmarks.definitions.traffic import MOTION
@@ -290,6 +291,7 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
     },
     "online": ONLINE,
     "factors": FACTOR_CLAIMS,
+    "planning": DRIVING,
 }
 """The test of each sentence, by benchmark."""
 
