@@ -29,6 +29,8 @@ ORACLES = {
     "replay": "the recorded future of the others",
 }
 """What the oracle knows."""
+KEPT = {"score": 3, **dict.fromkeys(FORECAST_METRICS, 2)}
+"""Scores whose values of each episode are stored, with their decimals: rank correlations need them."""
 Report = Callable[[int, int, str], None]
 
 
@@ -59,7 +61,7 @@ class DriveCard:
     leaks: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """The card in JSON types: means over episodes with their intervals, and the values of each episode."""
+        """The card in JSON types: means over episodes with their intervals, and the values of ``KEPT``."""
         metrics = {}
         for name, values in self.values.items():
             mean, low, high = clustered_interval(values, np.arange(len(values)))
@@ -71,7 +73,11 @@ class DriveCard:
             "others": self.others,
             "seed": self.seed,
             "metrics": metrics,
-            "values": {name: np.round(values, 4).tolist() for name, values in self.values.items()},
+            "values": {
+                name: np.round(self.values[name], decimals).tolist()
+                for name, decimals in KEPT.items()
+                if name in self.values
+            },
             "errors": self.errors,
             "seconds": self.seconds,
             "oracle": self.predictor == ORACLE,

@@ -116,26 +116,24 @@ def correlation(cells: Cells, rows: Sequence[str], columns: Sequence[str], metri
     """
     from scipy.stats import rankdata  # takes a second to import
 
-    errors = np.array([[_values(cells, row, column, metric) for column in columns] for row in rows])
-    scores = np.array([[_values(cells, row, column, "score") for column in columns] for row in rows])
-    seeds, episodes = errors.shape[2:]
     rng = np.random.default_rng(0)
-    rhos = []
-    for replicate in range(REPLICATES + 1):
-        drawn = rng.integers(episodes, size=(len(columns), seeds, episodes))
-        if replicate == 0:
-            drawn = np.broadcast_to(np.arange(episodes), drawn.shape)
-        pair = []
-        for values in (errors, scores):
-            resampled = np.take_along_axis(values, drawn[None], axis=3)
-            known = np.isfinite(resampled)
-            sums = np.where(known, resampled, 0.0).sum(axis=(2, 3)) / np.maximum(known.sum(axis=(2, 3)), 1)
-            pair.append(rankdata(sums.mean(axis=1)))
-        one, other = (ranks - ranks.mean() for ranks in pair)
-        spread_of_ranks = float(np.sqrt((one**2).sum() * (other**2).sum()))
-        rhos.append(float((one * other).sum()) / spread_of_ranks if spread_of_ranks else 0.0)
+    seeds, episodes = len(cells[rows[0], columns[0]]), len(cells[rows[0], columns[0]][0]["values"][metric])
+    shape = REPLICATES, len(columns), seeds, episodes
+    # How often each episode is drawn; in the first sample, once.
+    counts = rng.multinomial(episodes, np.full(episodes, 1 / episodes), shape[:3]).astype(float)
+    counts = np.concatenate([np.ones((1, *shape[1:])), counts])
+    ranks = []
+    for name in (metric, "score"):
+        values = np.array([[_values(cells, row, column, name) for column in columns] for row in rows])
+        known = np.isfinite(values)
+        sums = np.einsum("ncse,rcse->nrc", counts, np.where(known, values, 0.0), optimize=True)
+        sums /= np.maximum(np.einsum("ncse,rcse->nrc", counts, known.astype(float), optimize=True), 1)
+        ranks.append(rankdata(sums.mean(axis=2), axis=1))
+    one, other = (each - each.mean(axis=1, keepdims=True) for each in ranks)
+    spread_of_ranks = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
+    rhos = np.divide((one * other).sum(axis=1), spread_of_ranks, out=np.zeros(len(one)), where=spread_of_ranks > 0)
     low, high = np.quantile(rhos[1:], (0.025, 0.975))
-    return rhos[0], float(low), float(high)
+    return float(rhos[0]), float(low), float(high)
 
 
 def by_cell(drives: Drives, results: Sequence[Result]) -> dict[tuple[str, str], list[Result]]:
