@@ -1,7 +1,7 @@
 """Build the wheel, and compare its files with those that git tracks, and its size with the limit.
 
-Of the weights, the wheel holds those that ``weights=auto`` can choose for the predictors with their default settings. Of
-the results it holds the packed runs and the tables; figures are drawn from the runs.
+Of the weights, the wheel holds those that ``weights=auto`` can choose for the predictors with their default settings.
+Of the results it holds the packed runs and the tables; figures are drawn from the runs.
 """
 
 import shutil
