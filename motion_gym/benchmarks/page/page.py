@@ -90,6 +90,7 @@ def html(results: Sequence[Results], scenes: Mapping[str, Any]) -> str:
     environment.tests["strong"] = lambda cell: isinstance(cell, Strong)
     return environment.get_template("page.html.j2").render(
         sections=sections,
+        ranked={entry.benchmark for entry in entries},
         data=_packed(data),
         ranking=board.RANKING,
         introduction=claims_page.INTRODUCTION,

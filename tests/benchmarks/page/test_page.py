@@ -96,6 +96,8 @@ def test_the_page_needs_no_network_and_stays_small(tmp_path):
     assert len(text.encode()) < 3e6
     assert not re.search(r'(src|href)="(https?:)?//', text)
     data = data_of(text)
+    linked = set(re.findall(r'href="#leaderboard\?benchmark=(\w+)"', text))
+    assert linked == {data["board"]["texts"][row[0]] for row in data["board"]["rows"]} and "planning" not in linked
     assert len(data["scenes"]) >= 50
     for scene in data["scenes"]:
         assert set(scene["methods"]) <= set(data["colors"])
