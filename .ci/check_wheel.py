@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"motion_gym": "motion_gym/", "envs": "motion_gym/envs/", "predictors": "motion_gym/predictors/"}
 WEIGHTS = "motion_gym/weights/"
 LEFT_OUT = (".safetensors", ".svg")
+"""Endings of the weights and figures."""
 LIMIT = 20e6
 """Bytes."""
 

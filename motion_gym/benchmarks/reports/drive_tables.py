@@ -116,17 +116,19 @@ def correlation(cells: Cells, rows: Sequence[str], columns: Sequence[str], metri
     """
     from scipy.stats import rankdata  # takes a second to import
 
-    rng = np.random.default_rng(0)
-    seeds, episodes = len(cells[rows[0], columns[0]]), len(cells[rows[0], columns[0]][0]["values"][metric])
-    shape = REPLICATES, len(columns), seeds, episodes
-    # How often each episode is drawn; in the first sample, once.
-    counts = rng.multinomial(episodes, np.full(episodes, 1 / episodes), shape[:3]).astype(float)
-    counts = np.concatenate([np.ones((1, *shape[1:])), counts])
+    values = [
+        np.array([[_values(cells, row, column, name) for column in columns] for row in rows])
+        for name in (metric, "score")
+    ]
+    episodes = values[0].shape[-1]
+    share = np.full(episodes, 1 / episodes)
+    # How often each episode of each column and seed is drawn; in the first sample, once.
+    counts = np.random.default_rng(0).multinomial(episodes, share, (REPLICATES, *values[0].shape[1:3])).astype(float)
+    counts = np.concatenate([np.ones_like(counts[:1]), counts])
     ranks = []
-    for name in (metric, "score"):
-        values = np.array([[_values(cells, row, column, name) for column in columns] for row in rows])
-        known = np.isfinite(values)
-        sums = np.einsum("ncse,rcse->nrc", counts, np.where(known, values, 0.0), optimize=True)
+    for table in values:
+        known = np.isfinite(table)
+        sums = np.einsum("ncse,rcse->nrc", counts, np.where(known, table, 0.0), optimize=True)
         sums /= np.maximum(np.einsum("ncse,rcse->nrc", counts, known.astype(float), optimize=True), 1)
         ranks.append(rankdata(sums.mean(axis=2), axis=1))
     one, other = (each - each.mean(axis=1, keepdims=True) for each in ranks)
