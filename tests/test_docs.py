@@ -18,6 +18,7 @@ from motion_gym.metrics.errors import METRICS
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
+DRONE_VIDEO = ROOT / "docs" / "drone-video.md"
 PAGES = [README, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINKS = [(page, link) for page in PAGES for link in sorted(set(re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text())))]
 
@@ -41,16 +42,20 @@ def run(text):
     return done.stdout
 
 
-@pytest.mark.parametrize("name", running.STORED)
+@pytest.mark.parametrize("name", running.BENCHMARKS)
 def test_tables_of_a_benchmark_are_made_from_the_stored_runs(name):
     results = stored(name)
     tables = (SHIPPED / name / "tables.md").read_text()
     assert all(table.markdown() in tables for table in pages.everything(results))
 
 
-@pytest.mark.parametrize("name", ["style", "places"])
-def test_tables_of_the_readme_are_made_from_the_stored_runs(name):
-    shown = README.read_text().split(f"<!-- results: {name} -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
+@pytest.mark.parametrize(
+    "page, name",
+    [(README, "style"), (README, "places"), (DRONE_VIDEO, "sdd"), (DRONE_VIDEO, "sdd_style")],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_tables_in_pages_are_made_from_the_stored_runs(page, name):
+    shown = page.read_text().split(f"<!-- results: {name} -->\n", 1)[1].split("\n<!-- results end -->", 1)[0]
     assert shown == "\n\n".join(table.markdown(heading=0) for table in pages.short(stored(name)))
 
 

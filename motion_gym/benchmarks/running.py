@@ -51,10 +51,6 @@ BENCHMARKS: Mapping[str, str] = {
     "published": "motion_gym.benchmarks.definitions.published_forecasters:PUBLISHED",
 }
 """Where each shipped benchmark is defined, by its name."""
-COMPUTED_ON_REQUEST = ("planning", "sdd_style")
-"""Benchmarks whose runs do not come with the package: ``motion-gym run`` computes them, for an hour or more."""
-STORED = tuple(name for name in BENCHMARKS if name not in COMPUTED_ON_REQUEST)
-"""Benchmarks whose runs come with the package."""
 
 
 @dataclass

@@ -125,10 +125,15 @@ def path_of_added(name: str, row: str, weights: str) -> Path:
     """
     path = added_folder() / name
     if not path.is_file():
+        limits = [terms.rstrip(".") for terms in terms_of([WEIGHTS / name]) if "no commercial use" in terms]
+        source = "the folder motion_gym/weights of the repository"
+        own = ""
+        if limits:
+            source = f"whoever trained them; the repository may not hold them ({limits[0]})"
+            own = f" Or train your own, motion-gym train {row} --benchmark {weights}, and name the file: weights=FILE."
         raise PredictorError(
-            f"The weights `{weights}` of {row} do not come with the package: get them, for example from the folder "
-            f"motion_gym/weights of the repository, then run {ADD}; or `motion-gym weights fetch` where {ADDRESS} "
-            f"names an address. ({path} is missing.)"
+            f"The weights `{weights}` of {row} do not come with the package: get them from {source}. Then run {ADD}, "
+            f"or `motion-gym weights fetch` where {ADDRESS} names an address.{own} ({path} is missing.)"
         )
     if path.with_suffix(".json").read_bytes() != (WEIGHTS / name).with_suffix(".json").read_bytes():
         raise PredictorError(

@@ -106,8 +106,7 @@ def trainings() -> dict[str, Training]:
         plans[name] = Training(f"orca:d=0.3{more}", {"styles": FACTOR_SOURCES}, few)
     plans |= {f"original/{place}": Training(place, options=joint) for place in PLACES}
     plans["original/all"] = Training("eth", {"by": "nothing"}, joint)
-    without_sigma = ("erm_no_sigma", "invariant:sigma=false,penalty=0.125")
-    plans["vehicles"] = Training("highway:style=brisk", further={**dict.fromkeys(without_sigma, joint), **exact})
+    plans["vehicles"] = Training("highway:style=brisk", further={"erm_no_sigma": joint, **exact})
     plans["vehicles_spurious"] = Training("highway:style=normal,alpha=1", options=joint)
     # Of each target of low-shot transfer, with label maps of the ground.
     ground = "image=true,background=labels"

@@ -68,7 +68,7 @@ def test_unknown_names_are_refused():
         motion_gym.benchmark("spurios")
 
 
-@pytest.mark.parametrize("name", running.STORED)
+@pytest.mark.parametrize("name", running.BENCHMARKS)
 def test_every_run_is_stored_and_is_of_the_present_weights_data_and_versions(name):
     def nothing(done, total, label):
         raise AssertionError(f"{label} is missing in the packed runs")

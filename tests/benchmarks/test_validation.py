@@ -37,7 +37,7 @@ def test_an_honest_run_is_computed_again(run):
     assert (finding.verdict, finding.reason[:14]) == (validation.FINE, "computed again")
 
 
-@pytest.mark.parametrize("name", running.STORED)
+@pytest.mark.parametrize("name", running.BENCHMARKS)
 def test_shipped_runs_follow_the_schema(name):
     runs = list(Store(name).runs.values())
     sample = [runs[i] for i in np.linspace(0, len(runs) - 1, min(len(runs), 12)).astype(int)] if runs else []

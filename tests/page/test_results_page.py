@@ -20,7 +20,7 @@ def wait_until(tab, condition):
     pytest.fail("it did not happen within 5 seconds")
 
 
-@pytest.mark.parametrize("view", ["scenes", "leaderboard", *running.STORED])
+@pytest.mark.parametrize("view", ["scenes", "leaderboard", *running.BENCHMARKS])
 def test_each_view_is_shown_alone(tab, address, view):
     tab.goto(f"{address}#{view}")
     assert tab.locator(".view:visible").count() == 1

@@ -28,9 +28,9 @@ NETWORKS = ("style_erm", "style_invariant", "modular", "modular_invariant")
 OUT = ("0.4", "0.6", "0.7", "0.8")
 """Styles d that are far from those of training."""
 F, ALL, PSI_F_G, LAST = (f"transfer:parts={parts}" for parts in ("modulator", "all", "style", "last_layer"))
-HEAT_ALL, HEAT_MODULATOR, HEAT_LOW_RANK = (
-    f"transfer:of=heatmap,parts={parts}" for parts in ("all", "modulator", "low_rank")
-)
+HEAT_ALL, HEAT_MODULATOR, HEAT_LOW_RANK, HEAT_LAST = HEAT_TUNED = [
+    f"transfer:of=heatmap,parts={parts}" for parts in ("all", "modulator", "low_rank", "last_layer")
+]
 LATER_BATCHES = ("2", "3", "4", "5", "6")
 WATCHED_EARLY = [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (1, 3, 10)]
 
@@ -260,6 +260,23 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         ),
         "At 5 batches the modulator is not better than tuning everything": lower(
             [HEAT_MODULATOR], [HEAT_ALL], ["5"], panel="2", where=NOWHERE
+        ),
+    },
+    "sdd_style": {
+        "Without transfer heatmap has a lower mean error on bikers than the training-free rows": mean(
+            ["heatmap"], TRAINING_FREE, ["0"], panel="0"
+        ),
+        "Without transfer heatmap has a lower error on fast bikers than the training-free rows": lower(
+            ["heatmap"], TRAINING_FREE, ["0"], panel="1"
+        ),
+        "With 30 scenes of bikers no adapter has a lower mean error than tuning everything": mean(
+            [HEAT_MODULATOR, HEAT_LOW_RANK], [HEAT_ALL], ["30"], panel="0", where=NOWHERE
+        ),
+        "With 30 scenes of bikers tuning the last layer does not lower the mean error": mean(
+            [HEAT_LAST], ["heatmap"], ["30"], panel="0", where=NOWHERE
+        ),
+        "With 20 scenes of fast bikers tuning any part lowers the mean error": mean(
+            HEAT_TUNED, ["heatmap"], ["20"], panel="1"
         ),
     },
     "refinement": {

@@ -12,7 +12,7 @@ SCENARIOS = ("merge", "roundabout", "intersection")
 """Scenarios that are not trained on."""
 MOTION = (*FILTERS, "constant_acceleration", "constant_turn")
 """Training-free rows."""
-TRAINED = ("kalman_residual", "ego_erm", "ego_modular")
+TRAINED = ("kalman_residual", "ego_erm", "ego_modular", "erm_no_sigma")
 """Rows with weights."""
 NOISY = "highway:style=normal"
 """The domain with sigma."""

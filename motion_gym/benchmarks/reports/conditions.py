@@ -81,11 +81,20 @@ def leaks(results: Iterable[Result]) -> list[str]:
 
 
 def selections(results: Iterable[Result]) -> list[str]:
-    """How the weights of each row were selected; rows that differ only in their epochs share a sentence."""
-    rows: dict[str, dict[str, dict[str, None]]] = {}
+    """How the weights of each row were selected.
+
+    Rows that differ only in their epochs share a sentence. A row that some columns tune further is named with that.
+    """
+    whole: dict[str, dict[str, None]] = {}
     for result in results:
-        text, _, epochs = result["selection"].partition("; trained for ")
-        rows.setdefault(text, {}).setdefault(epochs, {})[row_name(result["predictor"])] = None
+        whole.setdefault(row_name(result["predictor"]), {})[result["selection"]] = None
+    rows: dict[str, dict[str, dict[str, None]]] = {}
+    for name, texts in whole.items():
+        for each in texts:
+            if any(other != each and other.startswith(each) for other in texts):  # a column without scenes to tune on
+                continue
+            text, _, epochs = each.partition("; trained for ")
+            rows.setdefault(text, {}).setdefault(epochs, {})[name] = None
     return [f"selection, {_names(groups)}: {text}" for text, groups in rows.items()]
 
 
