@@ -16,6 +16,9 @@ def _claims(others: str, said: str) -> Mapping[str, Test]:
         f"A planner drives better with constant velocity than without a forecast, {said}": lower(
             ["constant_velocity"], ["stand_still"], [ALL], panel=others
         ),
+        f"A planner drives worse with STGAT, trained on straight roads, than without a forecast, {said}": lower(
+            ["stand_still"], ["erm_no_sigma"], [ALL], panel=others
+        ),
         f"An oracle takes at most a tenth off what the planner loses with constant velocity, {said}": mean(
             ["oracle"], ["constant_velocity"], [ALL], panel=others, ratio=(0.9, 1.0)
         ),

@@ -247,6 +247,13 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "On roads with bends and crossings, which were not trained on, it does not": mean(
             ["kalman_residual"], ["constant_velocity"], ["roundabout", "intersection"], where=NOWHERE
         ),
+        "STGAT, which sees the axes of the world, has a higher error than constant velocity for aggressive drivers, at a "
+        "roundabout and at an intersection": lower(
+            ["constant_velocity"], ["erm_no_sigma"], ["aggressive", "roundabout", "intersection"]
+        ),
+        "At a roundabout and an intersection its error is nine times that of constant velocity or more": mean(
+            ["constant_velocity"], ["erm_no_sigma"], ["roundabout", "intersection"], ratio=(0, 0.112)
+        ),
         "The networks in the frame of each agent have no lower mean error than linear in traffic": mean(
             ["ego_erm", "ego_modular"], ["linear"], where=NOWHERE
         ),

@@ -10,7 +10,7 @@ SCENARIO = "roundabout"
 """Where the paths of vehicles cross, so that forecasts decide."""
 ROWS = ("stand_still", *MOTION, "linear", "kalman:of=linear", "hedge:of=linear", "oracle")
 """From no forecast, as the others stand still, to an oracle."""
-TRAINED = ("kalman_residual",)
+TRAINED = ("kalman_residual", "erm_no_sigma")
 """Rows with weights that were trained on a straight road."""
 _COLUMNS = {style: f"highway:style={style},scenario={SCENARIO}" for style in STYLES}
 
