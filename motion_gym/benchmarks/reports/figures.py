@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from motion_gym.benchmarks.drives import Drives
 from motion_gym.benchmarks.objects import ORACLE
@@ -80,6 +81,9 @@ def score_by_error(drives: Drives, results: Sequence[Result], path: Path) -> Non
         scores = [drive_tables.means(cells, ORACLE, column, "score").mean() for column in drives.domains]
         axes.axhline(float(np.mean(scores)), color="0.5", linestyle="--", linewidth=1, label="oracle, mean")
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter("")
     axes.set(xlabel=f"ADE of the forecasts, {unit_of(results)}", ylabel="score of the planner")
     axes.set_title(f"{drives.title}: a point for each predictor and style", fontsize=10)
     axes.grid(alpha=0.3)
