@@ -258,6 +258,21 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
             ["ego_erm", "ego_modular"], ["linear"], where=NOWHERE
         ),
     },
+    "vehicles_spurious": {
+        "In traffic linear with sigma has a lower error than without up to alpha 4, the largest in training": mean(
+            ["linear:sigma=true"], ["linear"], ALPHAS[:3]
+        ),
+        "Beyond alpha 4 it has a higher one": mean(["linear"], ["linear:sigma=true"], ALPHAS[3:]),
+        "In traffic the error of STGAT with sigma is more than four times as high at alpha 8 as at 4": mean(
+            ["erm"], columns=["8"], than_column="4", ratio=(4, ANY)
+        ),
+        "In traffic the penalty does not lower the mean error of STGAT at any alpha": mean(
+            ["invariant:penalty=0.01"], ["erm"], where=NOWHERE
+        ),
+        "At the alphas of training it makes the error significantly higher": lower(
+            ["erm"], ["invariant:penalty=0.01"], ALPHAS[:3]
+        ),
+    },
     "sdd": {
         "Without transfer heatmap has a lower error in the fastest domain than the training-free rows": lower(
             ["heatmap"], TRAINING_FREE, ["0"], panel="2"
