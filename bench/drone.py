@@ -26,7 +26,7 @@ def main():
             for speed in SPEEDS:
                 card = motion_gym.evaluate("heatmap:weights=sdd", f"sdd:speed={speed},{GROUND}", k=k, verify=False)
                 count += card.metrics["ADE"].agent_windows
-            print(f"heatmap, k = {k}: {count} windows of the speed domains scored in {time.perf_counter() - start:.1f} s")
+            print(f"heatmap, k = {k}: {count} windows of all speeds scored in {time.perf_counter() - start:.1f} s")
     except MotionGymError as error:
         print(f"not measured: {error}")
 

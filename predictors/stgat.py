@@ -41,9 +41,9 @@ class Invariant(Stgat):
         weights: See ``Weighted``.
         seed: See ``Weighted``.
         sigma: See ``Stgat``.
-        penalty: Factor lambda of the penalty. The default is the paper's, for pedestrians in metres. The risk grows with
-            the square of the length of a step, the penalty with its fourth power: divide lambda by 600 for traffic,
-            whose steps are 25 times as long.
+        penalty: Factor lambda of the penalty. The default is the paper's, for pedestrians in metres. The risk grows
+            with the square of the length of a step, the penalty with its fourth power: divide lambda by 600 for
+            traffic, whose steps are 25 times as long.
         unbiased: Estimate the squared gradient from two halves of each step; see ``objectives.Irm``.
     """
 

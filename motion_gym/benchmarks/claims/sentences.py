@@ -247,8 +247,8 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "On roads with bends and crossings, which were not trained on, it does not": mean(
             ["kalman_residual"], ["constant_velocity"], ["roundabout", "intersection"], where=NOWHERE
         ),
-        "STGAT, which sees the axes of the world, has a higher error than constant velocity for aggressive drivers, at a "
-        "roundabout and at an intersection": lower(
+        "STGAT, which sees the axes of the world, has a higher error than constant velocity for aggressive drivers, at "
+        "a roundabout and at an intersection": lower(
             ["constant_velocity"], ["erm_no_sigma"], ["aggressive", "roundabout", "intersection"]
         ),
         "At a roundabout and an intersection its error is nine times that of constant velocity or more": mean(
