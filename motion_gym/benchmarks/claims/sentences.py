@@ -283,6 +283,22 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "At 5 batches the modulator is not better than tuning everything": lower(
             [HEAT_MODULATOR], [HEAT_ALL], ["5"], panel="2", where=NOWHERE
         ),
+        "By the published protocol, best of 20, adapters have a lower error than tuning everything at 3 batches": lower(
+            [HEAT_MODULATOR, HEAT_LOW_RANK], [HEAT_ALL], ["3"], panel="4, best of 20"
+        ),
+        "By the published protocol, best of 20, they have a lower mean error at 1, 3 and 5 batches": mean(
+            [HEAT_MODULATOR, HEAT_LOW_RANK], [HEAT_ALL], ["1", "3", "5"], panel="4, best of 20"
+        ),
+        "By the published protocol, best of 20, no tuning lowers the mean error": mean(
+            [HEAT_ALL, HEAT_MODULATOR, HEAT_LOW_RANK],
+            ["heatmap"],
+            ["1", "3", "5"],
+            panel="4, best of 20",
+            where=NOWHERE,
+        ),
+        "By the published protocol, k = 1, adapters lower the mean error at 1, 3 and 5 batches": mean(
+            [HEAT_MODULATOR, HEAT_LOW_RANK], ["heatmap"], ["1", "3", "5"], panel="4"
+        ),
     },
     "sdd_style": {
         "Without transfer heatmap has a lower mean error on bikers than the training-free rows": mean(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from motion_gym.benchmarks.objects import FILTERS, Benchmark, Claim, Drawing, Part
+from motion_gym.benchmarks.objects import FILTERS, SAMPLES, Benchmark, Claim, Drawing, Part
 
 SPEEDS = ("0.25-0.75", "1.25-1.75", "2.25-2.75", "3.25-3.75")
 PLAIN = (*FILTERS, "stand_still", "linear")
@@ -74,6 +74,15 @@ SDD = Benchmark(
             "sdd",
             "m",
             samples=1,
+        ),
+        _shots(
+            f"{_TO_FAST}, by the published protocol",
+            FAST,
+            _batches((0, 1, 3, 5)),
+            TRANSFERRED[:4],
+            "sdd",
+            protocol="paper",
+            samples=SAMPLES,
         ),
         _shots(
             "Schedules: trained with 0.25-0.75 and 1.25-1.75, tuned to 2.25-2.75",
