@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 
 from motion_gym.benchmarks.claims.claim_tests import ANY, Test, lower, mean
 from motion_gym.benchmarks.claims.driving_sentences import DRIVING
+from motion_gym.benchmarks.claims.drone_sentences import BIKERS, SPEEDS
 from motion_gym.benchmarks.claims.factor_sentences import FACTOR_CLAIMS
 from motion_gym.benchmarks.claims.stream_sentences import ONLINE
 from motion_gym.benchmarks.definitions.traffic import MOTION
-from motion_gym.benchmarks.objects import FILTERS as TRAINING_FREE
 from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
 
 ALPHAS = ("1", "2", "4", "8", "16", "32", "64")
@@ -28,10 +28,9 @@ NETWORKS = ("style_erm", "style_invariant", "modular", "modular_invariant")
 OUT = ("0.4", "0.6", "0.7", "0.8")
 """Styles d that are far from those of training."""
 F, ALL, PSI_F_G, LAST = (f"transfer:parts={parts}" for parts in ("modulator", "all", "style", "last_layer"))
-HEAT_ALL, HEAT_MODULATOR, HEAT_LOW_RANK, HEAT_LAST = HEAT_TUNED = [
-    f"transfer:of=heatmap,parts={parts}" for parts in ("all", "modulator", "low_rank", "last_layer")
-]
 LATER_BATCHES = ("2", "3", "4", "5", "6")
+KNOWN_STYLES = ("calm", "normal", "assertive", "brisk")
+"""Driving styles of training, and one between them."""
 WATCHED_EARLY = [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (1, 3, 10)]
 
 WITHOUT_NETWORK = (*MOTION, "linear")
@@ -242,7 +241,7 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "In traffic kalman_residual has a lower error than every row without a network for each driving style, on the "
         "other side of the road and at a merge": lower(["kalman_residual"], WITHOUT_NETWORK, KNOWN_ROADS),
         "With styles of training, kalman_residual takes half or more off the error of constant velocity": mean(
-            ["kalman_residual"], ["constant_velocity"], ["calm", "normal", "assertive", "brisk"], ratio=(0, 0.5)
+            ["kalman_residual"], ["constant_velocity"], KNOWN_STYLES, ratio=(0, 0.5)
         ),
         "On roads with bends and crossings, which were not trained on, it does not": mean(
             ["kalman_residual"], ["constant_velocity"], ["roundabout", "intersection"], where=NOWHERE
@@ -253,6 +252,12 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         ),
         "At a roundabout and an intersection its error is nine times that of constant velocity or more": mean(
             ["constant_velocity"], ["erm_no_sigma"], ["roundabout", "intersection"], ratio=(0, 0.112)
+        ),
+        "STGAT with a style has a lower mean error than without for every driving style": mean(
+            ["modular_stgat"], ["erm_no_sigma"], [*KNOWN_STYLES, "aggressive"]
+        ),
+        "STGAT with a style has no lower mean error than linear on any road": mean(
+            ["modular_stgat"], ["linear"], where=NOWHERE
         ),
         "The networks in the frame of each agent have no lower mean error than linear in traffic": mean(
             ["ego_erm", "ego_modular"], ["linear"], where=NOWHERE
@@ -273,50 +278,8 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
             ["erm"], ["invariant:penalty=0.01"], ALPHAS[:3]
         ),
     },
-    "sdd": {
-        "Without transfer heatmap has a lower error in the fastest domain than the training-free rows": lower(
-            ["heatmap"], TRAINING_FREE, ["0"], panel="2"
-        ),
-        "Low-rank adapters have a lower mean error than tuning everything at 1 to 5 batches": mean(
-            [HEAT_LOW_RANK], [HEAT_ALL], ("1", *LATER_BATCHES[:4]), panel="2"
-        ),
-        "At 5 batches the modulator is not better than tuning everything": lower(
-            [HEAT_MODULATOR], [HEAT_ALL], ["5"], panel="2", where=NOWHERE
-        ),
-        "By the published protocol, best of 20, adapters have a lower error than tuning everything at 3 batches": lower(
-            [HEAT_MODULATOR, HEAT_LOW_RANK], [HEAT_ALL], ["3"], panel="4, best of 20"
-        ),
-        "By the published protocol, best of 20, they have a lower mean error at 1, 3 and 5 batches": mean(
-            [HEAT_MODULATOR, HEAT_LOW_RANK], [HEAT_ALL], ["1", "3", "5"], panel="4, best of 20"
-        ),
-        "By the published protocol, best of 20, no tuning lowers the mean error": mean(
-            [HEAT_ALL, HEAT_MODULATOR, HEAT_LOW_RANK],
-            ["heatmap"],
-            ["1", "3", "5"],
-            panel="4, best of 20",
-            where=NOWHERE,
-        ),
-        "By the published protocol, k = 1, adapters lower the mean error at 1, 3 and 5 batches": mean(
-            [HEAT_MODULATOR, HEAT_LOW_RANK], ["heatmap"], ["1", "3", "5"], panel="4"
-        ),
-    },
-    "sdd_style": {
-        "Without transfer heatmap has a lower mean error on bikers than the training-free rows": mean(
-            ["heatmap"], TRAINING_FREE, ["0"], panel="0"
-        ),
-        "Without transfer heatmap has a lower error on fast bikers than the training-free rows": lower(
-            ["heatmap"], TRAINING_FREE, ["0"], panel="1"
-        ),
-        "With 30 scenes of bikers no adapter has a lower mean error than tuning everything": mean(
-            [HEAT_MODULATOR, HEAT_LOW_RANK], [HEAT_ALL], ["30"], panel="0", where=NOWHERE
-        ),
-        "With 30 scenes of bikers tuning the last layer does not lower the mean error": mean(
-            [HEAT_LAST], ["heatmap"], ["30"], panel="0", where=NOWHERE
-        ),
-        "With 20 scenes of fast bikers tuning any part lowers the mean error": mean(
-            HEAT_TUNED, ["heatmap"], ["20"], panel="1"
-        ),
-    },
+    "sdd": SPEEDS,
+    "sdd_style": BIKERS,
     "refinement": {
         "Refinement by 3 steps lowers the mean error of modular_invariant at every d": mean(
             ["refine"], ["modular_invariant"]

@@ -12,10 +12,12 @@ SCENARIOS = ("merge", "roundabout", "intersection")
 """Scenarios that are not trained on."""
 MOTION = (*FILTERS, "constant_acceleration", "constant_turn")
 """Training-free rows."""
-TRAINED = ("kalman_residual", "ego_erm", "ego_modular", "erm_no_sigma")
+TRAINED = ("kalman_residual", "ego_erm", "ego_modular", "erm_no_sigma", "modular_stgat")
 """Rows with weights."""
 WITH_SIGMA = ("erm", "invariant:penalty=0.01")
 """Rows with weights and sigma. The paper's lambda is 5; steps are 25 times as long here, see ``Invariant``."""
+CODED = "modular_stgat:weights=vehicles,seed=0"
+"""The row whose style codes are drawn."""
 NOISY = "highway:style=normal"
 """The domain with sigma."""
 
@@ -55,6 +57,19 @@ VEHICLES = Benchmark(
                 "counted": _COUNTED,
             },
             reads=(*(_COLUMNS[style] for style in STYLES), *_COUNTED.values()),
+        ),
+        Study(
+            "style_codes",
+            "motion_gym.benchmarks.studies.style_codes:style_codes",
+            draw="motion_gym.benchmarks.reports.figures:style_codes",
+            file="style_codes.svg",
+            arguments={
+                "row": CODED,
+                "domains": {style: _COLUMNS[style] for style in STYLES},
+                "trained": TRAINED_STYLES,
+            },
+            uses=(CODED,),
+            reads=tuple(_COLUMNS[style] for style in STYLES),
         ),
     ),
 )
