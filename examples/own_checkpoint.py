@@ -59,15 +59,20 @@ class Walk:
     @torch.no_grad()
     def predict(self, observation, samples=1, seed=0):
         """Forecasts (agents, samples, 12, 2), metres, in the frame of the observation."""
-        generator = torch.Generator().manual_seed(seed)
         forecasts = []
         for first, last in zip(observation.scene[:-1], observation.scene[1:], strict=True):
             paths = torch.tensor(observation.xy[first:last])  # a copy: what a predictor is given is read-only
             centre = paths[:, -1:].mean(dim=0, keepdim=True)
             mean, deviation = self.network(paths - centre)
-            noise = torch.randn(len(paths), samples, 12, 2, generator=generator)
+            noise = torch.randn(len(paths), samples, 12, 2, generator=generator(seed, paths))
             forecasts.append(mean[:, None] + deviation.exp()[:, None] * noise + centre[:, None])
         return torch.cat(forecasts).numpy()
+
+
+def generator(seed, paths):
+    """Noise of a scene. The seed alone would give all scenes the same noise: they are asked one by one."""
+    scene = int.from_bytes(hashlib.sha256(paths.numpy().tobytes()).digest()[:6], "big")
+    return torch.Generator().manual_seed(seed + scene)
 
 
 def train(path):

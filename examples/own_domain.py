@@ -41,12 +41,14 @@ class Tracks(RecordedDomain):
 
 
 def write_an_example(path):
-    """Write the tracks of ten agents who walk in a circle for 200 frames."""
-    rows = [
-        f"{frame} {person} {6 * np.cos(0.05 * frame + person):.3f} {6 * np.sin(0.05 * frame + person):.3f}"
-        for frame in range(200)
-        for person in range(10)
-    ]
+    """Write the tracks of ten agents who walk in circles of their own for 200 frames, measured with noise of 2 cm."""
+    rng = np.random.default_rng(0)
+    person = np.arange(10)
+    angle = np.arange(200)[:, None] * (0.04 + 0.003 * person) + person
+    xy = (4 + 0.5 * person)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1) + rng.normal(
+        0, 0.02, (200, 10, 2)
+    )
+    rows = [f"{frame} {agent} {x:.3f} {y:.3f}" for frame, scene in enumerate(xy) for agent, (x, y) in enumerate(scene)]
     Path(path).write_text("\n".join(rows) + "\n")
 
 

@@ -289,8 +289,9 @@ class Predictor(Protocol):
         """Forecast every agent of an observation.
 
         Pure: the same state, input and seed give the same answer; the method learns nothing and does not change its
-        input. A stochastic predictor draws only from ``seed``. A deterministic predictor may return one sample, which
-        stands for all samples.
+        input. A stochastic predictor draws only from ``seed`` and the scene: scenes are also asked one by one, each
+        with the same seed, and the seed alone would give them all the same noise. A deterministic predictor may return
+        one sample, which stands for all samples.
 
         Args:
             observation: A agents in S scenes.

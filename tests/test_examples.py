@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
@@ -112,7 +113,7 @@ def test_own_domain(folder):
     (path,) = found(r"^Next: .*:path=(.*)$", out)
     assert out == python(folder, "own_domain.py", path)
     scores = motion_gym(folder, written_command("own_domain.py").replace("FILE", path))
-    assert re.search(r"constant_velocity +\.452 ", scores) and "210 agent-windows of 10 agents" in scores
+    assert re.search(r"constant_velocity +\.645 ", scores) and "210 agent-windows of 10 agents" in scores
 
 
 def test_new_style(folder):
@@ -145,6 +146,15 @@ def test_driving(folder):
     steps, score = found(r"^Written: driving.gif, (\d+) steps, score (\d\.\d+)", out)
     assert 0 < int(steps) <= 14 and 0 <= float(score) <= 1
     assert (folder / "driving.gif").read_bytes()[:6] == b"GIF89a"
+
+
+def test_each_scene_has_noise_of_its_own():
+    torch = pytest.importorskip("torch")
+    generator = runpy.run_path(str(EXAMPLES / "own_checkpoint.py"))["generator"]
+    scenes = torch.zeros(2, 8, 2), torch.ones(2, 8, 2)
+    drawn = [torch.randn(4, generator=generator(seed, scene)) for scene in scenes for seed in (0, 1, 0)]
+    assert torch.equal(drawn[0], drawn[2]) and torch.equal(drawn[3], drawn[5])
+    assert len({tuple(values.tolist()) for values in drawn}) == 4
 
 
 def test_own_adapter(folder):

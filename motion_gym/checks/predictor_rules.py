@@ -147,7 +147,7 @@ def randomness(trial: PredictorTrial) -> None:
     broken_if(
         used,
         f"predict drew from, or seeded, the global generator of {' and '.join(used)}: use "
-        "numpy.random.default_rng(seed), or torch.Generator().manual_seed(seed).",
+        "numpy.random.default_rng or torch.Generator, from the seed and the scene.",
     )
 
 

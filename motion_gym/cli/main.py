@@ -88,7 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         kept = "--out" in arguments or arguments[0] in ("run", "train")
         go_on = (
-            " What is finished is kept, of a training its last checkpoint: the same command with --resume goes on."
+            " What is finished is kept, of a training its last checkpoint if it had one: the same command with "
+            "--resume goes on."
             if kept
             else ""
         )

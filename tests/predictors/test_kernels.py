@@ -44,7 +44,7 @@ def assert_same(function, arguments):
     # normalisation, and consist of rounding errors.
     scale = max(float(expected.detach().abs().max()) for expected in results[1] if expected.numel())
     for mine, expected in zip(*results, strict=True):
-        torch.testing.assert_close(mine.double(), expected, atol=2e-5 * max(scale, 1), rtol=1e-4)
+        torch.testing.assert_close(mine.double(), expected, atol=5e-5 * max(scale, 1), rtol=1e-4)
 
 
 @pytest.mark.parametrize("agents", [0, 1, 37])
