@@ -6,7 +6,7 @@ import contextlib
 import copy
 import functools
 import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -173,6 +173,17 @@ def frozen(observation: Observation) -> Observation:
     return Observation(history, scene, agent, float(observation.dt), time, observation.images)
 
 
+SIGNATURES: Mapping[str, str] = {
+    "predict": "predict(self, observation, samples=1, seed=0)",
+    "observe": "observe(self, truth)",
+    "reset": "reset(self)",
+    "tune": "tune(self, scenes, validation)",
+    "fit": "fit(self, train, validation, seed)",
+    "know": "know(self, domain)",
+}
+"""Methods of a predictor; see ``contract.Predictor``."""
+
+
 def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
     """Call a method of a predictor; an exception becomes a PredictorError that names the method."""
     try:
@@ -183,8 +194,10 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
         remedy = ""
         if "read-only" in str(error) or "not writeable" in str(error):
             remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
-        elif isinstance(error, TypeError) and "argument" in str(error):
-            remedy = " The signature is predict(self, observation, samples=1, seed=0)." if method == "predict" else ""
+        elif isinstance(error, TypeError) and "argument" in str(error) and method in SIGNATURES:
+            remedy = f" The signature is {SIGNATURES[method]}."
+        elif isinstance(error, TypeError) and "'Forecast'" in str(error):
+            remedy = " The positions of a Forecast are its array `positions` [A, K, 12, 2]."
         said = f": {str(error).rstrip('.')}" if str(error) else ""
         message = f"{name_of(predictor)}.{method} raised {type(error).__name__}{said} ({raised_at(error)}).{remedy}"
         raise PredictorError(message) from error

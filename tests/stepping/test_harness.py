@@ -176,8 +176,22 @@ def test_a_wrong_signature_is_told_the_right_one():
         def predict(self, observation):
             return forecast(observation, 1)
 
+        def observe(self, observation, future):
+            pass
+
     with pytest.raises(PredictorError, match=r"The signature is predict\(self, observation, samples=1, seed=0\)"):
         ask(Narrow(), HERE)
+    with pytest.raises(PredictorError, match=r"observe raised TypeError.*The signature is observe\(self, truth\)\."):
+        guarded(Narrow(), "observe", HERE)
+
+
+def test_arithmetic_with_a_forecast_is_told_where_its_positions_are():
+    class Shifts:
+        def predict(self, observation, samples=1, seed=0):
+            return Forecast(forecast(observation, 1)) - 0.5
+
+    with pytest.raises(PredictorError, match="The positions of a Forecast are its array `positions`"):
+        ask(Shifts(), HERE)
 
 
 def test_own_errors_pass_unchanged():
