@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from motion_gym import catalog, cluster
-from motion_gym.cli.output import Text, progress_bar, say
+from motion_gym.cli.output import Text, progress_bar, reporter, say
 from motion_gym.contract import SpecError
 from motion_gym.data.storage import check_writable
 from motion_gym.training import on_cluster
@@ -80,12 +80,11 @@ def train(
         for existing in (checkpoint, path):
             if existing.exists() and not resume:
                 raise SpecError(f"{existing} is there already: add --resume to go on, or delete it to start again.")
-        task = progress.add_task(instance.name, total=None)
+        show_epoch = reporter(progress, instance.name)
 
         def report(state: Any) -> None:
             score = "" if state.score is None else f", validation ADE {state.score:.3f} {unit}"
-            text = f"{state.stage}: loss {state.loss:.3f}{score}"
-            progress.update(task, total=state.epochs, completed=state.epoch, description=text)
+            show_epoch(state.epoch, state.epochs, f"{state.stage}: loss {state.loss:.3f}{score}")
 
         options |= {"checkpoint": checkpoint, "report": report}
         if executor == "ray":

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import motion_gym
+from motion_gym.cli import output
 from motion_gym.training import plans as training_plans
 from tests.cli.command_line import call, fail
 
@@ -156,6 +157,14 @@ def test_train_on_a_domain_of_ones_own(folder, capsys, monkeypatch):
     # Other predictors, and other parameters of the domain in another folder.
     call(capsys, "train ego_erm --domain places:Walk:people=20 --seeds 0 --epochs 1 --out own")
     assert Path("own/places_Walk_people=20/ego_erm.safetensors").exists()
+
+
+def test_training_without_a_terminal_prints_its_epochs(folder, capsys, monkeypatch):
+    pytest.importorskip("torch")
+    (folder / "places.py").write_text(PLACE)
+    monkeypatch.delitem(sys.modules, "places", raising=False)
+    monkeypatch.setattr(output, "SECONDS_BETWEEN_LINES", 0.0)
+    call(capsys, "train ego_erm --domain places:Walk --seeds 0 --epochs 2 --out own", "1 of 2 done: forecast: loss ")
 
 
 @pytest.mark.parametrize(
