@@ -78,7 +78,7 @@ SDD = Benchmark(
         _shots(
             f"{_TO_FAST}, by the published protocol",
             FAST,
-            _batches((0, 1, 3, 5)),
+            _batches(FEW),
             TRANSFERRED[:4],
             "sdd",
             protocol="paper",
