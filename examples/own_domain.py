@@ -45,9 +45,8 @@ def write_an_example(path):
     rng = np.random.default_rng(0)
     person = np.arange(10)
     angle = np.arange(200)[:, None] * (0.04 + 0.003 * person) + person
-    xy = (4 + 0.5 * person)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1) + rng.normal(
-        0, 0.02, (200, 10, 2)
-    )
+    circle = (4 + 0.5 * person)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    xy = circle + rng.normal(0, 0.02, circle.shape)
     rows = [f"{frame} {agent} {x:.3f} {y:.3f}" for frame, scene in enumerate(xy) for agent, (x, y) in enumerate(scene)]
     Path(path).write_text("\n".join(rows) + "\n")
 

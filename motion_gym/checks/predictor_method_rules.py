@@ -26,7 +26,7 @@ def pickled_copy(thing: Any) -> Any:
 def observe(trial: PredictorTrial) -> None:
     """Method observe takes partly known truth."""
     predictor = trial.make()
-    check_signature(predictor, "observe", "truth")
+    check_signature(predictor, "observe")
     if hasattr(predictor, "observe"):
         predictor = trial.comparable()
         with global_randomness():
@@ -63,7 +63,7 @@ def reset(trial: PredictorTrial) -> None:
 
 def fit(trial: PredictorTrial) -> None:
     """Method fit returns self or None, and the same seed gives the same forecasts."""
-    check_signature(trial.make(), "fit", "train", "validation", "seed")
+    check_signature(trial.make(), "fit")
     if not trial.trainable:
         return
     predictor = trial.fresh()
@@ -108,7 +108,7 @@ def save(trial: PredictorTrial) -> None:
     """Methods save and load exist together and restore the same forecasts."""
     predictor = trial.make()
     for method, other in (("save", "load"), ("load", "save")):
-        check_signature(predictor, method, "path")
+        check_signature(predictor, method)
         broken_if(
             hasattr(predictor, method) and not hasattr(predictor, other),
             f"there is {method} but no {other}: define {other}(self, path).",

@@ -13,7 +13,7 @@ from motion_gym.checks.predictor_trials import SAMPLES, PredictorTrial, distance
 from motion_gym.checks.report import CheckError, NotChecked, broken_if
 from motion_gym.contract import Forecast, MotionGymError
 from motion_gym.data.windows import pick_scenes
-from motion_gym.stepping.harness import guarded
+from motion_gym.stepping.harness import SIGNATURES, guarded, signature_of
 from motion_gym.stepping.snapshot import changed, global_randomness, snapshot
 
 TOLERANCE = 1e-4
@@ -34,8 +34,8 @@ def attributes(trial: PredictorTrial) -> None:
 def predict(trial: PredictorTrial) -> None:
     """Method predict takes observation, samples and seed, and answers for every observation."""
     predictor = trial.make()
-    check_signature(predictor, "predict", "observation", samples=1, seed=0)
-    check_signature(predictor, "know", "domain")
+    check_signature(predictor, "predict")
+    check_signature(predictor, "know")
     predictor = trial.ready()
     for samples in (1, 5, SAMPLES):
         try:
@@ -190,13 +190,13 @@ def scenes(trial: PredictorTrial) -> None:
         )
 
 
-def check_signature(predictor: Any, method: str, *arguments: str, **keywords: Any) -> None:
+def check_signature(predictor: Any, method: str) -> None:
     """Raise CheckError if the predictor has a method that the library cannot call."""
     bound = getattr(predictor, method, None)
     if bound is None:
         return
-    expected = ", ".join(("self", *arguments, *(f"{key}={value}" for key, value in keywords.items())))
-    broken_if(not callable(bound), f"{method} is a {type(bound).__name__}: make it a method {method}({expected}).")
+    (arguments, keywords), expected = SIGNATURES[method], signature_of(method)
+    broken_if(not callable(bound), f"{method} is a {type(bound).__name__}: make it a method {expected}.")
     try:
         signature = inspect.signature(bound)
     except ValueError:
@@ -205,7 +205,7 @@ def check_signature(predictor: Any, method: str, *arguments: str, **keywords: An
         signature.bind(*arguments)
         signature.bind(*arguments, **keywords)
     except TypeError:
-        raise CheckError(f"{method}{signature} must be {method}({expected}).") from None
+        raise CheckError(f"{method}{signature} must be {expected}.") from None
 
 
 def _ask_others(trial: PredictorTrial, predictor: Any) -> None:

@@ -173,15 +173,23 @@ def frozen(observation: Observation) -> Observation:
     return Observation(history, scene, agent, float(observation.dt), time, observation.images)
 
 
-SIGNATURES: Mapping[str, str] = {
-    "predict": "predict(self, observation, samples=1, seed=0)",
-    "observe": "observe(self, truth)",
-    "reset": "reset(self)",
-    "tune": "tune(self, scenes, validation)",
-    "fit": "fit(self, train, validation, seed)",
-    "know": "know(self, domain)",
+SIGNATURES: Mapping[str, tuple[tuple[str, ...], Mapping[str, Any]]] = {
+    "predict": (("observation",), {"samples": 1, "seed": 0}),
+    "observe": (("truth",), {}),
+    "reset": ((), {}),
+    "tune": (("scenes", "validation"), {}),
+    "fit": (("train", "validation", "seed"), {}),
+    "know": (("domain",), {}),
+    "save": (("path",), {}),
+    "load": (("path",), {}),
 }
-"""Methods of a predictor; see ``contract.Predictor``."""
+"""Arguments and keywords with their defaults, by method of a predictor; see ``contract.Predictor``."""
+
+
+def signature_of(method: str) -> str:
+    """How a predictor defines a method, as ``observe(self, truth)``."""
+    arguments, keywords = SIGNATURES[method]
+    return f"{method}({', '.join(('self', *arguments, *(f'{key}={value}' for key, value in keywords.items())))})"
 
 
 def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
@@ -195,7 +203,7 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
         if "read-only" in str(error) or "not writeable" in str(error):
             remedy = " A predictor may not change its input: work on a copy, as observation.history.copy()."
         elif isinstance(error, TypeError) and "argument" in str(error) and method in SIGNATURES:
-            remedy = f" The signature is {SIGNATURES[method]}."
+            remedy = f" The signature is {signature_of(method)}."
         elif isinstance(error, TypeError) and "'Forecast'" in str(error):
             remedy = " The positions of a Forecast are its array `positions` [A, K, 12, 2]."
         said = f": {str(error).rstrip('.')}" if str(error) else ""
