@@ -213,8 +213,9 @@ class Tracks(RecordedDomain):
         guard = f", less the first {WINDOW} steps" if self.edges()[part][0] > 0 else ""
         if whole < WINDOW:
             remedy = (
-                f"No track of the file is longer than {whole} steps. If agents are seen more often than that, check "
-                "fps, dt and columns, allow a longer gap, or give a smaller step (predictors of other steps refuse)."
+                f"The longest track of the file lasts {max(whole - 1, 0) * self.dt:g} s, and a window "
+                f"{(WINDOW - 1) * self.dt:g} s. If agents are seen for longer, check fps, dt and columns, or allow a "
+                "longer gap; else give a smaller step (predictors of other steps refuse)."
             )
         else:
             remedy = (

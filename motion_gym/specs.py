@@ -71,7 +71,8 @@ def _parsed(spec: str) -> tuple[str, dict[str, Any]]:
         if match is None or not key.isidentifier():
             raise SpecError(
                 f"`{text[at:].split(',')[0]}` in `{spec}` is not a parameter. Write `name:key=value,key=value`, as in "
-                "`eth:alpha=64`; quote text that holds a comma, as in path='a,b.txt'."
+                "`eth:alpha=64`; quote text that holds a comma, as in path='a,b.txt', and separate the numbers of one "
+                "parameter by spaces, as in split=0.5 0 0.5."
             )
         if key in parameters:
             raise SpecError(f"`{key}` is twice in `{spec}`: give it once.")

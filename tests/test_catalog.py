@@ -46,6 +46,11 @@ class Open:
     predict = Needs.predict
 
 
+class Opens:
+    def __init__(self, path):
+        self.content = Path(path).read_bytes()
+
+
 class Broken:
     def __init__(self):
         raise TypeError("a fault of its own")
@@ -196,6 +201,11 @@ def test_a_constructors_own_error_says_where_it_is():
     ) as caught:
         catalog.predictor(f"{HERE}:Broken")
     assert isinstance(caught.value.__cause__, TypeError)
+
+
+def test_a_fault_in_a_library_names_the_line_that_called_it():
+    with pytest.raises(SpecError, match=r"raised FileNotFoundError: .*nowhere.*\(test_catalog.py, line \d+\)"):
+        catalog.predictor(f"{HERE}:Opens:path=nowhere")
 
 
 def test_missing_modules_and_classes():

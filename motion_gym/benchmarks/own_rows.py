@@ -158,7 +158,7 @@ def _score_column(seeds: Sequence[tuple[Any, int]], part: Part, column: str, bes
 def _compare(
     errors: np.ndarray, others: Mapping[str, np.ndarray], agents: np.ndarray, best: str | None
 ) -> dict[str, Any]:
-    """Mean error with its interval, and paired differences from constant velocity and from the best shipped row.
+    """Mean error with its interval, and paired differences from other rows, the best shipped row among them.
 
     Args:
         errors: [A] ADE, the mean over seeds.
@@ -168,7 +168,8 @@ def _compare(
     """
     mean, low, high = clustered_interval(errors, agents)[:3]
     differences = {name: dataclasses.asdict(paired_difference(errors, other, agents)) for name, other in others.items()}
-    versus = {"ade": {"mean": mean, "low": low, "high": high}, BASELINE: differences[BASELINE]}
+    named = {name: differences[name] for name in (BASELINE, NONE) if name in differences}
+    versus = {"ade": {"mean": mean, "low": low, "high": high}, **named}
     return in_json({**versus, **({"best": {"row": best, **differences[best]}} if best else {})})  # type: ignore[no-any-return]
 
 
@@ -212,15 +213,17 @@ def _adapter_jobs(results: Results, adapter: Any, of: str | None, session: str) 
 def _compare_on_stream(
     adapter: Any, of: str, source: str, best: str | None, arguments: str, fitted_to: tuple[str, ...]
 ) -> list[dict[str, Any]]:
-    """Result of an adapter on a stream, with its comparison with two shipped rows."""
+    """Result of an adapter on a stream, compared with constant velocity, ``none`` and the best shipped row."""
     card, result = score_stream(adapter, of, None, arguments, fitted_to)
-    others = {row: score_stream(row, source, None, arguments, fitted_to)[0].values for row in (BASELINE, best) if row}
+    rows = dict.fromkeys(row for row in (BASELINE, NONE, best) if row)
+    others = {row: score_stream(row, source, None, arguments, fitted_to)[0].values for row in rows}
     return [{**result, "versus": _compare(card.values, others, card.person, best)}]
 
 
 def comparison_tables(results: Results) -> dict[str, Table]:
     """A user's rows beside constant velocity and the best shipped row: a table for each part or sort of shift."""
     rows: dict[str, dict[tuple[str, str], list[str]]] = {}
+    others: dict[str, list[str]] = {}
     runs = [(part.title, part.column_of(run), run) for part, runs in results.parts for run in runs]
     runs += [
         (results.benchmark.shifts[name].title, kind, seeds[0]) for (name, kind, _), seeds in results.streams.items()
@@ -228,21 +231,24 @@ def comparison_tables(results: Results) -> dict[str, Table]:
     for title, column, run in runs:
         if versus := run.get("versus"):
             row, best = run.get("row") or row_name(run["predictor"]), versus.get("best")
-            cells = [
-                interval(versus["ade"]),
-                interval(versus[BASELINE], sign=True),
-                p_text(versus[BASELINE]["p_value"]),
-            ]
+            others[title] = [name for name in (BASELINE, NONE) if name in versus]
+            cells = [interval(versus["ade"])]
+            for name in others[title]:
+                cells += [interval(versus[name], sign=True), p_text(versus[name]["p_value"])]
             cells += [interval(best, sign=True), p_text(best["p_value"]), Code(best["row"])] if best else ["-"] * 3
             rows.setdefault(title, {})[row, column] = [Code(row), column, *cells]
-    columns = ["method", "on", "ADE [95 %]", f"vs {BASELINE}", "p", "vs best shipped", "p", "best shipped"]
     notes = [
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
         "than the shipped row",
         "the mean over seeds of the new row against the named seed of the best shipped row that is no oracle and reads "
         f"nothing that {BASELINE} does not; on streams seed 0 of both",
     ]
+    columns = {
+        title: ["method", "on", "ADE [95 %]", *(cell for name in names for cell in (f"vs {name}", "p"))]
+        for title, names in others.items()
+    }
+    last = ["vs best shipped", "p", "best shipped"]
     return {
-        title: Table(f"{title}: beside the shipped rows", columns, [*by_column.values()], notes)
+        title: Table(f"{title}: beside the shipped rows", [*columns[title], *last], [*by_column.values()], notes)
         for title, by_column in rows.items()
     }

@@ -8,9 +8,9 @@ from typing import Any
 SCHEMA = 3
 """Raised when the keys change."""
 _EVERY = "identity.scoring_version provenance.finished provenance.command provenance.versions"
-_SUMMARIES = " ".join(
-    f"{{0}}.{key}" for key in ("mean", "low", "high", "replicates", "agent_windows", "scenes", "agents")
-)
+SUMMARY = ("mean", "low", "high", "replicates", "agent_windows", "scenes", "agents")
+"""Keys of the summary of a metric."""
+_SUMMARIES = " ".join(f"{{0}}.{key}" for key in SUMMARY)
 KEYS: Mapping[str, str] = {
     "windows": f"{_EVERY} identity.predictor identity.domain identity.references identity.shots predictor spec split "
     f"protocol k samples seed oracle leaks scored selection reference_scenes reference_draws shots domain.unit "
@@ -26,10 +26,12 @@ KEYS: Mapping[str, str] = {
 """Keys of each kind of run, nested keys joined by dots; a run may have more."""
 
 TYPES: Mapping[str, tuple[Any, str]] = {
-    "number": (
-        (int, float, type(None)),
-        "mean low high replicates agent_windows scenes agents dt seconds k samples seed reference_scenes "
-        "reference_draws shots references censored updates skipped rolled_back scoring_version",
+    "number": ((int, float), "dt seconds"),
+    "number or null": ((int, float, type(None)), "mean low high references"),
+    "whole number, 0 or more": (
+        int,
+        "replicates agent_windows scenes agents k samples seed reference_scenes reference_draws shots censored updates "
+        "skipped rolled_back scoring_version episodes",
     ),
     "text": (
         str,
@@ -38,7 +40,7 @@ TYPES: Mapping[str, tuple[Any, str]] = {
     "list": (list, "leaks command segments curve shifts"),
     "object": (dict, "versions options"),
 }
-"""Types of values by the last part of their keys, and the names of these types; numbers may be None."""
+"""Types of values by the last part of their keys, and the names of these types."""
 _TYPE_OF = {key: (name, kind) for name, (kind, keys) in TYPES.items() for key in keys.split()}
 
 
@@ -52,12 +54,16 @@ def problem_of(content: Any) -> str:
     kind = content["identity"].get("kind")
     if kind not in KEYS:
         return f"its kind is {kind!r}"
-    missing = next((path for path in KEYS[kind].split() if not _has(content, path.split("."))), None)
+    paths = [path.split(".") for path in KEYS[kind].split()]
+    if isinstance(content.get("metrics"), dict):
+        of_one = SUMMARY if kind == "windows" else ("mean", "low", "high", "episodes")
+        paths += [["metrics", name, key] for name in content["metrics"] for key in of_one]
+    missing = next((path for path in paths if not _has(content, path)), None)
     if missing:
-        return f"it has no `{missing}`"
-    typed = [path for path in KEYS[kind].split() if (kind, path) != ("drive", "seconds")]  # of forecasts and of plans
-    wrong = next((path for path in typed if not _is_of_its_type(content, path.split("."))), None)
-    return f"its `{wrong}` is no {_TYPE_OF[wrong.rpartition('.')[2]][0]}" if wrong else ""
+        return f"it has no `{'.'.join(missing)}`"
+    typed = [path for path in paths if (kind, path) != ("drive", ["seconds"])]  # of forecasts and of plans
+    wrong = next((path for path in typed if not _is_of_its_type(content, path)), None)
+    return f"its `{'.'.join(wrong)}` is no {_TYPE_OF[wrong[-1]][0]}" if wrong else ""
 
 
 def _is_of_its_type(content: Any, keys: list[str]) -> bool:
@@ -66,7 +72,7 @@ def _is_of_its_type(content: Any, keys: list[str]) -> bool:
     for key in keys[:-1]:
         content = content[key]
     value, (_, kind) = content[keys[-1]], _TYPE_OF[keys[-1]]
-    return isinstance(value, kind) and not isinstance(value, bool)
+    return isinstance(value, kind) and not isinstance(value, bool) and not (kind is int and value < 0)
 
 
 def _has(content: Any, keys: list[str]) -> bool:

@@ -180,6 +180,8 @@ PREDICTOR_RULES: Rules = {
     "buffer": rules.buffer,
     "randomness": rules.randomness,
     "seed": rules.seed,
+    "noise": rules.noise,
+    "place": rules.place,
     "scenes": rules.scenes,
     "observe": observe,
     "reset": reset,

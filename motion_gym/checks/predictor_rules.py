@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.checks.predictor_trials import SAMPLES, PredictorTrial, distances, gap, partly_known, same
+from motion_gym.checks.predictor_trials import FAR, SAMPLES, PredictorTrial, distances, gap, partly_known, same
 from motion_gym.checks.report import CheckError, NotChecked, broken_if
 from motion_gym.contract import Forecast, MotionGymError
 from motion_gym.data.windows import pick_scenes
@@ -18,6 +18,10 @@ from motion_gym.stepping.snapshot import changed, global_randomness, snapshot
 
 TOLERANCE = 1e-4
 """Metres between the forecasts of a scene alone and in a batch, beyond the rounding of float32."""
+ALIKE = 0.999
+"""Correlation of the deviations of samples from their mean, from which on noise is the same."""
+FROM_SEED = "a generator of each scene, numpy.random.default_rng([seed, zlib.crc32(xy_of_the_scene.tobytes())])"
+"""What to draw from: other noise for each seed and for each scene, whatever the other scenes."""
 
 
 def attributes(trial: PredictorTrial) -> None:
@@ -65,7 +69,7 @@ def forecast(trial: PredictorTrial) -> None:
 def pure(trial: PredictorTrial) -> None:
     """The same state, input and seed give the bit-identical answer, whatever was forecast in between."""
     predictor = trial.ready()
-    remedy = "draw from numpy.random.default_rng(seed) alone, and learn in observe or fit alone."
+    remedy = f"draw from {FROM_SEED} alone, and learn in observe or fit alone."
     before = snapshot(predictor)
     try:
         first, again = trial.ask(predictor), trial.ask(predictor)
@@ -157,8 +161,51 @@ def seed(trial: PredictorTrial) -> None:
     first = trial.ask(predictor)
     broken_if(
         _drawn(first) and same(first, trial.ask(predictor, seed=5)),
-        "samples differ, but seeds 3 and 5 give the same ones: draw from numpy.random.default_rng(seed), or, if "
-        "they are fixed modes, return a Forecast with weights.",
+        f"samples differ, but seeds 3 and 5 give the same ones: draw from {FROM_SEED}, or, if they are fixed modes, "
+        "return a Forecast with weights.",
+    )
+
+
+def noise(trial: PredictorTrial) -> None:
+    """Scenes that are asked one by one with the same seed get different noise."""
+    predictor, truth = trial.comparable(), trial.scenes.truth
+    sizes = np.diff(truth.observation.scene).tolist()
+    pair = next(((a, b) for b, size in enumerate(sizes) for a in range(b) if sizes[a] == size), None)
+    if pair is None:
+        raise NotChecked("no two scenes have the same number of agents")
+    seen = [pick_scenes(truth, [scene]).observation for scene in pair]
+    first, second = (trial.ask(predictor, observation) for observation in seen)
+    if not (_drawn(first) and _drawn(second)) or same(first, trial.ask(predictor, seen[0], seed=5)):
+        return
+    with global_randomness() as used:
+        guarded(predictor, "predict", copy.deepcopy(seen[0]), samples=SAMPLES, seed=3)
+    if used:
+        return  # reported by rule `randomness`
+    one, other = (f.positions.astype(np.float64) - f.positions.mean(axis=1, keepdims=True) for f in (first, second))
+    broken_if(
+        all(np.corrcoef(a.ravel(), b.ravel())[0, 1] > ALIKE for a, b in zip(one, other, strict=True)),
+        f"two scenes that were asked with the same seed got the same noise, so that their errors would not be "
+        f"independent, and intervals too narrow: draw from {FROM_SEED}.",
+    )
+
+
+def place(trial: PredictorTrial) -> None:
+    """Forecasts begin where the agents are, also far from the origin."""
+    predictor, observation = trial.comparable(), trial.scenes.truth.observation
+    if hasattr(predictor, "know") or observation.images is not None:
+        return  # the scenes of an oracle and of a video cannot be moved
+    history = observation.history.copy()
+    history[..., :2] += np.float32(FAR)
+    try:
+        first = trial.ask(predictor, dataclasses.replace(observation, history=history)).most_likely()[:, 0]
+    except MotionGymError:
+        return  # it refuses scenes there
+    off = np.linalg.norm(first - history[:, -1, :2], axis=-1)
+    broken_if(
+        (off > FAR / 10).any(),
+        f"for agents at x = y = {FAR:,.0f} m, the first predicted position is {off.max():,.0f} m from the last "
+        "observed one: if the network takes and gives offsets, add observation.xy[:, -1] (or the centre that was "
+        "subtracted) to its outputs.",
     )
 
 

@@ -6,11 +6,14 @@ import contextlib
 import random
 import sys
 import types
+import zlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+LONGEST_KEY = 60
+"""Characters of the key of a mapping in a path."""
 _NO_STATE = (type, types.ModuleType, types.FunctionType, types.BuiltinFunctionType, types.MethodType)
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, np.generic)
 
@@ -43,10 +46,10 @@ def leaves(value: Any, path: str = "", seen: set[int] | None = None) -> Iterator
         yield path, repr([part.tobytes() if isinstance(part, np.ndarray) else part for part in state])
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            yield from leaves(item, f"{path}[{key!r}]", seen)
+            yield from leaves(item, f"{path}[{_short(key)}]", seen)
     elif isinstance(value, (set, frozenset)):
         for item in value:
-            yield f"{path}{{{item!r}}}", True
+            yield f"{path}{{{_short(item)}}}", True
     elif isinstance(value, (list, tuple)) or type(value).__name__ == "deque":
         for index, item in enumerate(value):
             yield from leaves(item, f"{path}[{index}]", seen)
@@ -54,6 +57,12 @@ def leaves(value: Any, path: str = "", seen: set[int] | None = None) -> Iterator
         slots = [name for kind in type(value).__mro__ for name in _slots(kind) if hasattr(value, name)]
         for name in (*getattr(value, "__dict__", ()), *slots):
             yield from leaves(getattr(value, name), f"{path}.{name}" if path else name, seen)
+
+
+def _short(key: Any) -> str:
+    """The key in Python syntax; the end of a long one is replaced by a checksum, for messages."""
+    text = repr(key)
+    return text if len(text) <= LONGEST_KEY else f"{text[: LONGEST_KEY - 12]}...{zlib.crc32(text.encode()):08x}"
 
 
 def snapshot(thing: Any) -> dict[str, Any]:

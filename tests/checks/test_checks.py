@@ -55,7 +55,7 @@ def test_unknown_names_are_no_findings():
 
 
 class Several:
-    """Breaks six rules; it changes its input, so the forecast of a scene depends on its place in the batch."""
+    """Breaks seven rules; it changes its input, so the forecast of a scene depends on its place in the batch."""
 
     name = 3
 
@@ -75,15 +75,15 @@ def test_all_broken_rules_are_reported_at_once():
     with pytest.raises(PredictorError) as error:
         checks.check_predictor(Several)
     text = str(error.value)
-    assert text.startswith("Several breaks 6 rules of the predictor contract:\n- ")
-    for rule in ("attributes", "state", "input", "scenes", "reset", "pickle"):
+    assert text.startswith("Several breaks 7 rules of the predictor contract:\n- ")
+    for rule in ("attributes", "state", "input", "place", "scenes", "reset", "pickle"):
         assert f"\n- {rule}: " in text
 
 
 @pytest.mark.parametrize("kind", ["predictor", "adapter", "domain"])
 def test_rules_are_listed_with_a_description(kind):
     listed = checks.rules(kind)
-    assert len(listed) == {"predictor": 17, "adapter": 26, "domain": 12}[kind]
+    assert len(listed) == {"predictor": 19, "adapter": 28, "domain": 12}[kind]
     assert all(len(description) > 15 for description in listed.values())
     with pytest.raises(SpecError, match="Did you mean `domain`"):
         checks.rules("domains")
@@ -94,7 +94,7 @@ def test_a_rule_is_run_by_itself_or_skipped_with_a_reason():
     assert [outcome.rule for outcome in report.outcomes] == ["pickle"] and not report.ok
     reasons = {"pickle": "holds a hook", "reset": "learns once", "state": "counts calls"}
     report = checks.run_checks(Several, "predictor", skip=reasons)
-    assert {problem.rule for problem in report.problems} == {"attributes", "input", "scenes"}
+    assert {problem.rule for problem in report.problems} == {"attributes", "input", "place", "scenes"}
     assert "- skipped: pickle: holds a hook" in str(report)
     checks.check_predictor("constant_velocity", skip={"scenes": "sees all"}, only=["scenes", "pure"])
     with pytest.raises(SpecError, match=r"no rule `pickel`. Did you mean `pickle`"):

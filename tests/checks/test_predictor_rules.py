@@ -1,6 +1,8 @@
 """The rules of predict: good predictors are accepted, and the report names the rule of every planted fault."""
 
+import itertools
 import random
+import zlib
 
 import numpy as np
 import pytest
@@ -29,10 +31,14 @@ class Good:
 
 
 class GoodNoise:
-    """Stochastic."""
+    """Stochastic, with other noise for each seed and each scene."""
 
     def predict(self, observation, samples=1, seed=0):
-        return Forecast(noisy(observation, samples, np.random.default_rng(seed)))
+        paths = walk(observation, samples)
+        for first, last in itertools.pairwise(observation.scene):
+            rng = np.random.default_rng([seed, zlib.crc32(observation.xy[first:last].tobytes())])
+            paths[first:last] += rng.normal(0, 0.1, (last - first, samples, 12, 2))
+        return Forecast(paths)
 
 
 class GoodModes:
@@ -228,6 +234,28 @@ class IgnoresTheSeed:
         return noisy(observation, samples, np.random.default_rng(0))
 
 
+@breaks("noise")
+class SameNoiseForEveryScene:
+    def predict(self, observation, samples=1, seed=0):
+        return noisy(observation, samples, np.random.default_rng(seed))
+
+
+@breaks("noise")
+class SameNoiseBySpeed:
+    """Each agent's noise grows with its speed."""
+
+    def predict(self, observation, samples=1, seed=0):
+        mean = walk(observation, samples)
+        speed = np.linalg.norm(observation.xy[:, -1] - observation.xy[:, 0], axis=-1)[:, None, None, None]
+        return mean + (0.1 + speed) * (noisy(observation, samples, np.random.default_rng(seed)) - mean)
+
+
+@breaks("place")
+class ForgetsTheCentre:
+    def predict(self, observation, samples=1, seed=0):
+        return walk(observation) - observation.xy[:, None, -1:]
+
+
 @breaks("scenes")
 class Pools:
     def predict(self, observation, samples=1, seed=0):
@@ -237,7 +265,7 @@ class Pools:
 @breaks("scenes")
 class PoolsAndDraws:
     def predict(self, observation, samples=1, seed=0):
-        return noisy(observation, samples, np.random.default_rng(seed)) + np.tanh(observation.xy.mean()) / 100
+        return GoodNoise().predict(observation, samples, seed).positions + np.tanh(observation.xy.mean()) / 100
 
 
 @breaks("scenes")
@@ -263,8 +291,8 @@ def test_a_broken_rule_is_named_and_no_other(rule, kind):
 
 
 def test_every_rule_of_predict_has_a_planted_fault():
-    rules = {"predict", "forecast", "pure", "state", "input", "buffer", "randomness", "seed", "scenes", "attributes"}
-    assert set(BAD) == rules
+    rules = {"predict", "forecast", "pure", "state", "input", "buffer", "randomness", "seed", "noise", "place"}
+    assert set(BAD) == rules | {"scenes", "attributes"}
 
 
 def test_global_generators_are_left_as_they_were():

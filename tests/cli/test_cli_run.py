@@ -176,6 +176,7 @@ def test_an_adapter_of_a_user_stands_among_those_that_ship(capsys, folder):
     assert all(ades[run["stream"], run["of"]] == pytest.approx(run["ade"]["mean"], abs=1e-4) for run in own)
     (compared,) = [run["versus"] for run in own if "versus" in run]
     assert compared["constant_velocity"]["mean"] < 0 and compared["best"]["row"] == "none"
+    assert compared["none"]["mean"] == 0 and "vs none" in out
 
 
 @pytest.mark.parametrize(

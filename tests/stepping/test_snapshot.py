@@ -53,6 +53,12 @@ def test_what_is_added_is_a_cache():
     assert changed(before, snapshot(thing)) == []
 
 
+def test_long_keys_are_cut_and_still_differ():
+    keys = [bytes(500) + end for end in (b"a", b"b")]
+    paths = list(snapshot({key: 1 for key in keys}))
+    assert len(set(paths)) == 2 and max(map(len, paths)) < 70
+
+
 def test_circles_end():
     thing = Holder([])
     thing.value.append(thing)
