@@ -20,6 +20,8 @@ from motion_gym.stepping.harness import ask
 
 TINY = 1e-12
 """Smallest sum of mixability gaps: before, the learning rate is practically infinite."""
+FADE = 0.05
+"""Weight of the newest trust in the running mean of the past trust."""
 
 Style = tuple[np.ndarray, int]
 """``observed`` and ``scenes`` of a predictor with a style."""
@@ -51,13 +53,15 @@ class Hedge(Adapter):
     trust.
 
     The trust is that of AdaHedge (de Rooij et al., "Follow the leader if you can, hedge if you must", JMLR 15, 2014,
-    section 2) with a fixed share (Herbster and Warmuth, "Tracking the best expert", Machine Learning 32, 1998).
-    Whenever agents become fully known, the trust in each expert is multiplied by exp(-rate * loss), where the loss is
-    the ADE of the expert over the mean ADE of all experts. Then a share of the total trust is spread evenly, so that an
-    expert with a long series of errors can regain trust quickly. The learning rate is ln(number of experts) / (sum of
-    the mixability gaps so far), so that nobody has to tune it. Where it decreases, the trust is raised to the power
-    (new rate / old rate), as in Cesa-Bianchi et al., "Mirror descent meets fixed share (and feels no regret)", NIPS
-    2012, section 5.
+    section 2) with a fixed share (Herbster and Warmuth, "Tracking the best expert", Machine Learning 32, 1998), most of
+    which goes to experts that were trusted before (Bousquet and Warmuth, "Tracking a small set of experts by mixing
+    past posteriors", JMLR 3, 2002). Whenever agents become fully known, the trust in each expert is multiplied by
+    exp(-rate * loss), where the loss is the ADE of the expert over the mean ADE of all experts. Then a share of the
+    total trust is redistributed, so that an expert with a long series of errors can regain trust quickly: a part
+    follows the running mean of the trust, and the rest is spread evenly. The learning rate is ln(number of experts) /
+    (sum of the mixability gaps so far), so that nobody has to tune it. Where it decreases, the trust is raised to the
+    power (new rate / old rate), as in Cesa-Bianchi et al., "Mirror descent meets fixed share (and feels no regret)",
+    NIPS 2012, section 5.
 
     An expert is judged by the forecast that it made at the time of the observation: with what it had learned from the
     frames up to that time. For an observation without a time, the state of the experts before this truth counts.
@@ -71,7 +75,10 @@ class Hedge(Adapter):
         experts: Specs of the training-free predictors, separated by spaces.
         ridge: See ``Kalman``.
         forgetting: See ``Kalman``.
-        share: Share of the trust that is spread evenly at each update, from 0 to 1.
+        prior: Trust at the start in all experts that contain the trained predictor together, from 0 to 1; the
+            training-free ones have the rest.
+        recall: Part of the redistributed trust that follows the running mean of the trust, from 0 to 1.
+        share: Share of the trust that is redistributed at each update, from 0 to 1.
 
     Raises:
         SpecError: a setting is not allowed.
@@ -82,6 +89,8 @@ class Hedge(Adapter):
     experts: str = setting("constant_velocity constant_velocity:velocity=4 kalman_velocity", any_text)
     ridge: float = setting(10.0, positive)
     forgetting: float = setting(0.99, FORGETTING)
+    prior: float = setting(0.8, share)
+    recall: float = setting(0.9, share)
     share: float = setting(0.02, share)
     kind: ClassVar[str] = "hedge"
 
@@ -105,8 +114,12 @@ class Hedge(Adapter):
             # One predictor, whose style is set before it is used.
             one.inner, one.source, one.unchosen = self.inner, self.source, None
             one._start()
-        self.trust = np.full(len(self.names), 1 / len(self.names))
+        groups = (len(self.untrained), 1 - self.prior), (len(self.names) - len(self.untrained), self.prior)
+        trust = np.concatenate([np.full(number, total / max(number, 1)) for number, total in groups])
+        self.trust = trust / trust.sum() if trust.sum() else np.full(len(trust), 1 / len(trust))
         """[E] trust in each expert; the sum is 1."""
+        self.mean_trust = self.trust
+        """[E] running mean of the trust before it is redistributed."""
         self.gap = 0.0
         """Sum of the mixability gaps."""
         self.known = KnownSteps()
@@ -168,7 +181,10 @@ class Hedge(Adapter):
         with np.errstate(divide="ignore"):
             log_trust = np.log(self.trust) * (new_rate / rate) - new_rate * loss
         trust = np.exp(log_trust - log_trust.max())
-        self.trust = (1 - self.share) * trust / trust.sum() + self.share / len(trust)
+        trust /= trust.sum()
+        self.mean_trust = (1 - FADE) * self.mean_trust + FADE * trust
+        redistributed = self.recall * self.mean_trust + (1 - self.recall) / len(trust)
+        self.trust = (1 - self.share) * trust + self.share * redistributed
 
     def predict(self, observation: Observation, samples: int = 1, seed: int = 0) -> Forecast:
         """Forecast [A, K, 12, 2], metres: the mean first, then samples with the variance of recent residuals."""

@@ -49,9 +49,9 @@ SETTINGS = {
     "ema_anchor": (1, f"{LEARNED}, anchor=0.01"),
     "kalman": (1, "of='modular_invariant', weights=None, seed=None, memory=16, ridge=10.0, forgetting=0.99"),
     "hedge": (
-        2,
+        3,
         "of='modular_invariant', weights=None, seed=None, memory=64, recent=16, experts='constant_velocity "
-        "constant_velocity:velocity=4 kalman_velocity', ridge=10.0, forgetting=0.99, share=0.02",
+        "constant_velocity:velocity=4 kalman_velocity', ridge=10.0, forgetting=0.99, prior=0.8, recall=0.9, share=0.02",
     ),
     "ekf": (
         1,
