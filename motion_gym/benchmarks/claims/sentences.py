@@ -18,6 +18,7 @@ from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
 ALPHAS = ("1", "2", "4", "8", "16", "32", "64")
 PENALTIES = ("invariant:penalty=1", "invariant:penalty=3", "invariant")
 AS_RELEASED = ("invariant:penalty=1,unbiased=false", "invariant:penalty=3,unbiased=false", "invariant:unbiased=false")
+THREE = ("erm", "counterfactual", "invariant")
 AS_IN_THE_PAPER = "7"
 """Panel of the rows that are trained as in the paper."""
 RELATIVE = ("linear:sigma=relative", "erm:sigma=relative")
@@ -90,6 +91,28 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         "Trained as in the paper, the penalty rows have a lower mean error from alpha 16 on than trained here": mean(
             [f"as in the paper: {row}" for row in PENALTIES[2:]], PENALTIES[2:], ALPHAS[4:], panel="published"
         ),
+        **{
+            f"At {place}, {sentence}": test
+            for place, panel in (("zara1", "5"), ("univ", "8"))
+            for sentence, test in (
+                (
+                    "erm and counterfactual break after alpha 8, too (ADE 1.4 times that at 8 or more)",
+                    mean(THREE[:2], columns=ALPHAS[4:], than_column="8", ratio=(1.4, ANY), panel=panel),
+                ),
+                (
+                    "the invariance penalty has a higher mean error at the alphas of training (ratio 0.8 or less)",
+                    mean(THREE[:2], THREE[2:], ALPHAS[:4], panel=panel, ratio=(0, 0.8)),
+                ),
+                (
+                    "the invariance penalty is not significantly better than plain training at alpha 64",
+                    lower(THREE[2:], THREE[:1], ["64"], panel=panel, where=NOWHERE),
+                ),
+                (
+                    "the three methods have a higher mean error than constant velocity at each alpha",
+                    mean(["constant_velocity"], THREE, ALPHAS, panel=panel),
+                ),
+            )
+        },
         "The rows with sigma=relative are the best at every alpha": mean(RELATIVE, FEATURE_ROWS, ALPHAS),
         "linear:sigma=relative has the lowest ADE at every alpha": mean(
             RELATIVE[:1], [RELATIVE[1], *FEATURE_ROWS, "erm_no_sigma", "linear", "constant_velocity"], ALPHAS
