@@ -64,10 +64,10 @@ class EgoModular(EgoErm):
     """``EgoErm`` with a style: the distance, in metres, that agents keep from each other.
 
     The distance is a running weighted mean over pairs of agents in scenes that are observed over all 20 steps. The
-    forecast describes how agents who keep this distance leave their undisturbed courses, and is affine in the distance;
-    before any scene is observed, the forecast is that of a network without a style. The model assumes that styles are
-    distances, that the first observed steps are undisturbed, and that the effects of neighbours add up. In crowds,
-    where they do not, it is worse than ``ego_erm`` and constant velocity.
+    forecast describes how agents who keep this distance leave their undisturbed courses, and is a polynomial in the
+    distance; before any scene is observed, the forecast is that of a network without a style. The model assumes that
+    styles are distances, that the first observed steps are undisturbed, and that the effects of neighbours add up. In
+    crowds, where they do not, it is worse than ``ego_erm`` and constant velocity.
 
     Args:
         weights: See ``Weighted``.

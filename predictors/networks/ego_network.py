@@ -21,9 +21,11 @@ from motion_gym.training.program import Weights
 WIDTH = 128
 DOUBT = 0.1
 """Metres: deviations of the observed steps below this are damped."""
+TERMS = 3
+"""Coefficients of the polynomial in the distance; three distances in training determine a quadratic one."""
 LAYERS: dict[str, tuple[tuple[int, int], ...]] = {
     "plain": ((BEFORE + DURING, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH), (WIDTH, 2 * FUTURE)),
-    "manoeuvre": ((BEFORE, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH), (WIDTH, 2 * 2 * (WINDOW - FREE))),
+    "manoeuvre": ((BEFORE, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH), (WIDTH, TERMS * 2 * (WINDOW - FREE))),
 }
 """Inputs and outputs of each layer of each network."""
 GAINS = {"plain": "plain", "manoeuvre": "correction"}
@@ -37,10 +39,10 @@ def shapes(networks: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
         result[f"inputs.{name}_mean"] = result[f"inputs.{name}_scale"] = LAYERS[name][0][:1]
         result |= pair_network.shapes({name: LAYERS[name]})
         result[f"{GAINS[name]}.gain"] = (2 * HISTORY, 2 * FUTURE)
-    return result
+    return result | ({"inputs.distance": (1,)} if "manoeuvre" in networks else {})
 
 
-def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], seed: int) -> Weights:
+def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], distance: Tensor, seed: int) -> Weights:
     """Initial weights of one model, M = 1.
 
     Layers are drawn by He's rule, the last one smaller; gains are constant velocity.
@@ -48,6 +50,7 @@ def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], seed: int) -> 
     Args:
         networks: Names of the networks.
         inputs: Training inputs [..., F] of each network, for standardisation.
+        distance: Mean distance that agents keep in training, metres: the unit of the polynomial.
         seed: Seed of all random values.
     """
     generator = torch.Generator().manual_seed(seed)
@@ -60,6 +63,8 @@ def initial(networks: tuple[str, ...], inputs: dict[str, Tensor], seed: int) -> 
             weights[f"{name}.weight{number}"] = torch.randn(fan_in, out, generator=generator) * spread
             weights[f"{name}.bias{number}"] = torch.zeros(out)
         weights[f"{GAINS[name]}.gain"] = _constant_velocity()
+    if "manoeuvre" in networks:
+        weights["inputs.distance"] = distance[None]
     return {name: value[None] for name, value in weights.items()}
 
 
@@ -73,7 +78,7 @@ def without_style(scenes: Scenes, weights: Weights) -> Tensor:
 def in_style(scenes: Scenes, distance: Tensor, weights: Weights) -> tuple[Tensor, Tensor]:
     """Offsets of agents who keep a distance from each other.
 
-    The term of a neighbour is the manoeuvre: the intrusion, max(0, distance - miss), times an affine function of the
+    The term of a neighbour is the manoeuvre: the intrusion, max(0, distance - miss), times a quadratic function of the
     distance, whose coefficients depend only on the undisturbed courses. It therefore extrapolates to distances outside
     the training range. A linear gain of the observed deviation from the manoeuvre corrects the sum.
 
@@ -86,10 +91,11 @@ def in_style(scenes: Scenes, distance: Tensor, weights: Weights) -> tuple[Tensor
         Offsets [M, A, 32] of the manoeuvre at the 16 steps that do not define the course, and corrected offsets
         [M, A, 24] at the future steps.
     """
-    constant, slope = _by_pair(scenes.before, weights, "manoeuvre").chunk(2, dim=-2)
+    constant, slope, curvature = _by_pair(scenes.before, weights, "manoeuvre").chunk(TERMS, dim=-2)
     kept = distance[..., None].expand_as(scenes.miss)
     intrusion = torch.relu(kept - scenes.miss)[..., None, None]
-    offsets = _summed(intrusion * (constant + kept[..., None, None] * slope), scenes.side)
+    ratio = (distance / weights["inputs.distance"])[..., None, None, None]
+    offsets = _summed(intrusion * (constant + ratio * (slope + ratio * curvature)), scenes.side)
     seen = 2 * (HISTORY - FREE)
     # The correction does not train the manoeuvre.
     fixed = offsets.detach()

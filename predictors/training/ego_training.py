@@ -82,6 +82,8 @@ class EgoProgram(Program):
         self.validation = [self._tensors(truth) for truth in validation]
         self.styles = np.zeros((len(train), 2))
         """[E, 2] a style of each environment, for validation."""
+        self.distances = torch.ones(len(train), 1, device=device)
+        """[E, D] distance of each drawn style, metres."""
         if STYLED in self.networks:
             drawn = self._draw_styles(train)
             self.styles = drawn[:, 0]
@@ -119,7 +121,7 @@ class EgoProgram(Program):
             "plain": torch.cat([self.scenes.before, self.scenes.during], dim=-1).cpu(),
             "manoeuvre": self.scenes.before.cpu(),
         }
-        return ego_network.initial(self.networks, inputs, seed)
+        return ego_network.initial(self.networks, inputs, self.distances.mean().cpu(), seed)
 
     def losses(
         self, weights: Weights, state: Tensor, stage: int, generators: Sequence[torch.Generator], epoch: int

@@ -46,7 +46,7 @@ SPURIOUS = Benchmark(
             "Sigma from the past: no side channel",
             _alphas("eth", ",sigma=past"),
             PLAIN,
-            ("erm", "invariant"),
+            THREE,
             "spurious/past",
         ),
         Part(
