@@ -18,7 +18,7 @@ from motion_gym.predictors.networks.ego_features import kept_distances
 from motion_gym.predictors.training.ego_training import distance_and_trust
 from tests.walkers import crowd
 
-SOURCES = mg.domain("orca", scenes=150)
+SOURCES = mg.domain("orca", scenes=400)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def trained(data):
-    return EgoModular().fit(*data, [0, 1], epochs=(8,), agents=64)
+    return EgoModular().fit(*data, [0, 1], epochs=(20,), agents=64)
 
 
 def fresh(trained):
