@@ -7,6 +7,7 @@ says otherwise), in the frame of the recording: axes as in the source, relative 
 
 from __future__ import annotations
 
+import os
 import sysconfig
 import traceback
 from collections.abc import Mapping, Sequence
@@ -57,13 +58,16 @@ class ActionError(MotionGymError, ValueError):
     """An action is not a valid forecast for the environment."""
 
 
-_LIBRARIES = (str(Path(__file__).parent), *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
+_LIBRARIES = tuple(
+    f"{folder}{os.sep}"
+    for folder in (Path(__file__).parent, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
+)
 
 
 def raised_at(error: BaseException) -> str:
     """File and line of users' code that raised an exception, or that called the library which did."""
     frames = traceback.extract_tb(error.__traceback__)
-    last = next((f for f in reversed(frames) if not f.filename.startswith((*_LIBRARIES, "<"))), frames[-1])
+    last = next((f for f in reversed(frames) if not f.filename.startswith((*_LIBRARIES, "<frozen"))), frames[-1])
     return f"{Path(last.filename).name}, line {last.lineno}"
 
 

@@ -231,10 +231,11 @@ def comparison_tables(results: Results) -> dict[str, Table]:
     for title, column, run in runs:
         if versus := run.get("versus"):
             row, best = run.get("row") or row_name(run["predictor"]), versus.get("best")
-            others[title] = [name for name in (BASELINE, NONE) if name in versus]
+            others[title] = [BASELINE, NONE] if run.get("row") else [BASELINE]
             cells = [interval(versus["ade"])]
             for name in others[title]:
-                cells += [interval(versus[name], sign=True), p_text(versus[name]["p_value"])]
+                other = versus.get(name)
+                cells += [interval(other, sign=True), p_text(other["p_value"])] if other else ["-"] * 2
             cells += [interval(best, sign=True), p_text(best["p_value"]), Code(best["row"])] if best else ["-"] * 3
             rows.setdefault(title, {})[row, column] = [Code(row), column, *cells]
     notes = [

@@ -12,7 +12,8 @@ SUMMARY = ("mean", "low", "high", "replicates", "agent_windows", "scenes", "agen
 """Keys of the summary of a metric."""
 _SUMMARIES = " ".join(f"{{0}}.{key}" for key in SUMMARY)
 KEYS: Mapping[str, str] = {
-    "windows": f"{_EVERY} identity.predictor identity.domain identity.references identity.shots predictor spec split "
+    "windows": f"{_EVERY} identity.predictor identity.domain identity.references identity.shots identity.protocol "
+    f"identity.k identity.seed predictor spec split "
     f"protocol k samples seed oracle leaks scored selection reference_scenes reference_draws shots domain.unit "
     f"domain.dt versus_baseline.ADE.mean versus_baseline.ADE.low versus_baseline.ADE.high seconds "
     f"{_SUMMARIES.format('metrics.ADE')} {_SUMMARIES.format('metrics.FDE')}",
@@ -27,8 +28,8 @@ KEYS: Mapping[str, str] = {
 
 TYPES: Mapping[str, tuple[Any, str]] = {
     "number": ((int, float), "dt seconds"),
-    "number or null": ((int, float, type(None)), "mean low high references"),
-    "whole number, 0 or more": (
+    "number, or null": ((int, float, type(None)), "mean low high references"),
+    "whole number of 0 or more": (
         int,
         "replicates agent_windows scenes agents k samples seed reference_scenes reference_draws shots censored updates "
         "skipped rolled_back scoring_version episodes",
@@ -41,6 +42,10 @@ TYPES: Mapping[str, tuple[Any, str]] = {
     "object": (dict, "versions options"),
 }
 """Types of values by the last part of their keys, and the names of these types."""
+ITEMS: Mapping[str, type] = {"leaks": str, "segments": dict, "versus": dict}
+"""Types of the items of lists and objects."""
+LARGEST = 2**63
+"""Whole numbers beyond this, which no run has, do not fit into an array."""
 _TYPE_OF = {key: (name, kind) for name, (kind, keys) in TYPES.items() for key in keys.split()}
 
 
@@ -55,15 +60,22 @@ def problem_of(content: Any) -> str:
     if kind not in KEYS:
         return f"its kind is {kind!r}"
     paths = [path.split(".") for path in KEYS[kind].split()]
-    if isinstance(content.get("metrics"), dict):
+    if kind in ("windows", "drive") and isinstance(content.get("metrics"), dict):
         of_one = SUMMARY if kind == "windows" else ("mean", "low", "high", "episodes")
         paths += [["metrics", name, key] for name in content["metrics"] for key in of_one]
     missing = next((path for path in paths if not _has(content, path)), None)
     if missing:
         return f"it has no `{'.'.join(missing)}`"
-    typed = [path for path in paths if (kind, path) != ("drive", ["seconds"])]  # of forecasts and of plans
-    wrong = next((path for path in typed if not _is_of_its_type(content, path)), None)
-    return f"its `{'.'.join(wrong)}` is no {_TYPE_OF[wrong[-1]][0]}" if wrong else ""
+    if kind == "drive":  # has seconds of forecasts and of plans, and no errors where nothing was forecast
+        paths = [path for path in paths if (path != ["seconds"] and path[0] != "metrics") or path[1:2] == ["score"]]
+    wrong = next((path for path in paths if not _is_of_its_type(content, path)), None)
+    if wrong:
+        return f"its `{'.'.join(wrong)}` is no {_TYPE_OF[wrong[-1]][0]}"
+    for key, of_items in ITEMS.items():
+        items = content.get(key, ())
+        if not all(isinstance(item, of_items) for item in (items.values() if isinstance(items, dict) else items)):
+            return f"an item of its `{key}` is not of type {of_items.__name__}"
+    return ""
 
 
 def _is_of_its_type(content: Any, keys: list[str]) -> bool:
@@ -72,7 +84,15 @@ def _is_of_its_type(content: Any, keys: list[str]) -> bool:
     for key in keys[:-1]:
         content = content[key]
     value, (_, kind) = content[keys[-1]], _TYPE_OF[keys[-1]]
-    return isinstance(value, kind) and not isinstance(value, bool) and not (kind is int and value < 0)
+    if value is None and keys[-1] == "mean" and keys[-2].upper() in ("ADE", "FDE"):
+        return False
+    if isinstance(value, int):
+        return (
+            isinstance(value, kind)
+            and not isinstance(value, bool)
+            and (0 if kind is int else -LARGEST) <= value < LARGEST
+        )
+    return isinstance(value, kind)
 
 
 def _has(content: Any, keys: list[str]) -> bool:

@@ -76,7 +76,7 @@ class Hedge(Adapter):
         ridge: See ``Kalman``.
         forgetting: See ``Kalman``.
         prior: Trust at the start in all experts that contain the trained predictor together, from 0 to 1; the
-            training-free ones have the rest.
+            training-free ones have the rest. Where there are none, it is 1.
         recall: Part of the redistributed trust that follows the running mean of the trust, from 0 to 1.
         share: Share of the trust that is redistributed at each update, from 0 to 1.
 
@@ -172,10 +172,13 @@ class Hedge(Adapter):
         residual = np.einsum("e,eaxy->axy", self.trust, advice) - future
         self.squares = self.forgetting * self.squares + (residual**2).sum(axis=(0, 2)) / 2
         self.count = self.forgetting * self.count + len(future)
+        if len(self.trust) == 1:
+            return
         loss = distance(advice - future).mean(axis=(1, 2))
-        loss = (loss - loss.min()) / max(loss.mean(), TINY)
+        trusted = self.trust > 0
+        loss = (loss - loss[trusted].min()) / max(loss.mean(), TINY)
         rate = np.log(len(loss)) / max(self.gap, TINY)
-        mixed = -np.log(self.trust @ np.exp(-rate * loss)) / rate
+        mixed = -np.log(self.trust[trusted] @ np.exp(-rate * loss[trusted])) / rate
         self.gap += max(float(self.trust @ loss - mixed), 0.0)
         new_rate = np.log(len(loss)) / max(self.gap, TINY)
         with np.errstate(divide="ignore"):

@@ -66,8 +66,14 @@ def growth_on_return(results: Sequence[Result], none: Sequence[Result]) -> list[
         own = result["segments"][0]["domain"]
         return [later / first for domain, first, later in returns_of(visits) if domain == own and first]
 
-    pairs = zip(results, none, strict=True)
+    pairs = on_the_same_stream(results, none)
     return [mine / theirs - 1 for r, n in pairs for mine, theirs in zip(growth(r), growth(n), strict=False) if theirs]
+
+
+def on_the_same_stream(results: Sequence[Result], none: Sequence[Result]) -> list[tuple[Result, Result]]:
+    """Each result with that of ``none`` on the same stream; a result of a user may lack some seeds."""
+    by_stream = {result["stream"]: result for result in none}
+    return [(result, by_stream[result["stream"]]) for result in results if result["stream"] in by_stream]
 
 
 def on_domain(result: Result, domain: str) -> str:

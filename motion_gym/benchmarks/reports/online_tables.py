@@ -14,7 +14,14 @@ import numpy as np
 from motion_gym.benchmarks.claims.panels import Panel
 from motion_gym.benchmarks.objects import FILTERS, NONE, ORACLE
 from motion_gym.benchmarks.reports.conditions import Result, intervals, leaks, measured, unit_of
-from motion_gym.benchmarks.reports.online_scores import first_shift, gain_of, growth_on_return, on_domain, recovered
+from motion_gym.benchmarks.reports.online_scores import (
+    first_shift,
+    gain_of,
+    growth_on_return,
+    on_domain,
+    on_the_same_stream,
+    recovered,
+)
 from motion_gym.benchmarks.reports.seed_tables import SEEDS, Errors
 from motion_gym.benchmarks.reports.table import Code, Strong, Table, interval, number, span, spread
 from motion_gym.online.continual import backward_transfer, forward_transfer, regret
@@ -94,8 +101,8 @@ def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
         "gain": "-" if share is None else f"{share:.2f}",
         "recovered after": recovered(results, rows.get(ORACLE)),
         "on return": f"{100 * np.mean(growth):+.1f} %" if growth else "-",
-        "BWT": _percent([backward_transfer(*pair) for pair in zip(results, rows[NONE], strict=True)]),
-        "FWT": _percent([forward_transfer(*pair) for pair in zip(results, rows[NONE], strict=True)]),
+        "BWT": _percent([backward_transfer(*pair) for pair in on_the_same_stream(results, rows[NONE])]),
+        "FWT": _percent([forward_transfer(*pair) for pair in on_the_same_stream(results, rows[NONE])]),
         "updates": updates,
         "ms per observe": f"{update[0]:.1f} / {update[1]:.1f}" if results[0]["updates"] else "-",
         "ms per step": f"{tick:.1f}",

@@ -193,7 +193,16 @@ def test_without_a_last_layer_the_predictor_and_the_training_free_ones_remain():
     assert drawn.shape == (2, 50, 12, 2) and drawn[:, 1:].std(axis=1).min() > 0
     hedge.reset()
     np.testing.assert_allclose(hedge.trust, [0.2, 0.8])
-    assert mg.adapter("hedge", "stand_still", experts="", prior=0.0).trust == 1
+
+
+def test_trust_stays_a_share_at_the_ends_of_the_settings():
+    """One expert alone; and a prior of 0 or 1, without a share that could give trust to the others."""
+    alone = mg.adapter("hedge", "stand_still", experts="", prior=0.0)
+    sure = [mg.adapter("hedge", "stand_still", experts="constant_velocity", prior=p, share=0.0) for p in (0.0, 1.0)]
+    for truth in scenes(3):
+        for hedge in (alone, *sure):
+            hedge.observe(truth)
+    assert alone.trust == 1 and sure[0].trust.tolist() == [1, 0] and sure[1].trust.tolist() == [0, 1]
 
 
 def test_the_name_of_a_hedge_makes_it_again():
