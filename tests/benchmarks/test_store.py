@@ -237,7 +237,9 @@ def test_a_value_of_another_type_is_named(tmp_path):
         changed = {**run, "provenance": {**run["provenance"], key: value}}
         assert problem_of(changed) == f"its `provenance.{key}` is {problem}"
     assert problem_of({**run, "seconds": "1"}) == "its `seconds` is no number"
-    assert problem_of({**run, "k": -1}) == problem_of({**run, "k": 10**400}) == "its `k` is no whole number of 0 or more"
+    assert (
+        problem_of({**run, "k": -1}) == problem_of({**run, "k": 10**400}) == "its `k` is no whole number of 0 or more"
+    )
     assert problem_of({**run, "leaks": [1]}) == "an item of its `leaks` is not of type str"
     assert problem_of({**run, "versus": {"ade": 1}}) == "an item of its `versus` is not of type dict"
     for name, summary in (("ADE", {**run["metrics"]["ADE"], "mean": None}), ("KDE_NLL_20", [[1]])):
