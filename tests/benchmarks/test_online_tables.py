@@ -20,7 +20,7 @@ def result(*segments, after=None, blocks=None, first=1):
     rows = [[TRAIL + EVERY * i, float(i), ade] for i, ade in enumerate(after or [])]
     shift = {"segment": first, "before": segments[first - 1][1], "after": rows}
     shift |= {} if blocks is None else {"blocks": [[BLOCK * n, 400.0 * n, ade] for n, ade in enumerate(blocks, 1)]}
-    return {"segments": parts, "shifts": [shift] if after or blocks else []}
+    return {"stream": "a stream", "segments": parts, "shifts": [shift] if after or blocks else []}
 
 
 def test_gain_is_of_means_over_seeds_after_the_first_segment():
@@ -75,6 +75,9 @@ def test_forgetting_is_growth_beyond_that_of_the_source_model():
     assert online_scores.growth_on_return([none], [none]) == [0.0]
     still = result(("a", 0.0, 60), ("b", 0.9, 60), ("a", 0.5, 60), ("b", 0.3, 60))
     assert online_scores.growth_on_return([still], [none]) == []
+    other = {**none, "stream": "another seed"}
+    assert online_scores.growth_on_return([mine], [other, none]) == [pytest.approx(0.25)]
+    assert online_scores.growth_on_return([mine], [other]) == []
 
 
 @pytest.fixture(scope="module")
