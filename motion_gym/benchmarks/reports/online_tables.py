@@ -89,6 +89,7 @@ def stream_table(title: str, rows: Rows, settings: Mapping[str, str] | None = No
 def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
     """Cells about adaptation by the names of their columns."""
     share = gain_of(results, rows[NONE], rows.get(ORACLE))
+    pairs = on_the_same_stream(results, rows[NONE])
     growth = growth_on_return(results, rows[NONE])
     update = np.median([r["update_seconds"] for r in results], axis=0) * 1000
     tick = np.median([r["tick_seconds"][1] for r in results]) * 1000
@@ -101,8 +102,8 @@ def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
         "gain": "-" if share is None else f"{share:.2f}",
         "recovered after": recovered(results, rows.get(ORACLE)),
         "on return": f"{100 * np.mean(growth):+.1f} %" if growth else "-",
-        "BWT": _percent([backward_transfer(*pair) for pair in on_the_same_stream(results, rows[NONE])]),
-        "FWT": _percent([forward_transfer(*pair) for pair in on_the_same_stream(results, rows[NONE])]),
+        "BWT": _percent([backward_transfer(*pair) for pair in pairs]),
+        "FWT": _percent([forward_transfer(*pair) for pair in pairs]),
         "updates": updates,
         "ms per observe": f"{update[0]:.1f} / {update[1]:.1f}" if results[0]["updates"] else "-",
         "ms per step": f"{tick:.1f}",
