@@ -1,6 +1,7 @@
 """Real data for the tests, if it lies beside the checkout, and a cache for the test run."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("MOTION_GYM_SHARED", ROOT.parent / "shared"))
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+signal.signal(signal.SIGINT, signal.default_int_handler)  # commands in the background of a shell ignore Ctrl-C
 if "MOTION_GYM_DATA" not in os.environ and (SHARED / "data" / "eth_ucy").is_dir():
     os.environ["MOTION_GYM_DATA"] = str(SHARED / "data")
 

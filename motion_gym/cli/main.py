@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except MotionGymError as error:
         _fail(str(error))
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         kept = "--out" in arguments or arguments[0] in ("run", "train")
         go_on = (
             " What is finished is kept, of a training its last checkpoint if it had one: the same command with "
@@ -94,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             else ""
         )
         _print(f"Stopped.{go_on if arguments[0] in RESUMED else ''}")
-        sys.exit(130)
+        sys.exit(128 + (stop.args[0] if stop.args else signal.SIGINT))
     except BrokenPipeError:
         os._exit(0)  # the reader of the output has ended
     except Exception as error:
@@ -104,8 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _terminated(number: int, frame: Any) -> None:
-    """End by an exception, so that processes that were started end, too."""
-    sys.exit(128 + number)
+    """End as Ctrl-C does: processes that were started end, too, and no predictor is blamed."""
+    raise KeyboardInterrupt(number)
 
 
 def _fail(message: str) -> None:

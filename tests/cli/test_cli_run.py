@@ -219,12 +219,12 @@ class Slow:
 """
 
 
+@pytest.mark.parametrize("line", ["run baselines --jobs 2 --out out --predictor", "score --domain orca"])
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stopped_command_leaves_no_process_behind(folder, number, status):
+def test_a_stopped_command_leaves_no_process_behind(folder, line, number, status):
     (folder / "slow.py").write_text(SLOW)
-    line = "run baselines --predictor slow:Slow --jobs 2 --out out"
-    command = [sys.executable, "-m", "motion_gym", *shlex.split(line)]
-    output = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    command = [sys.executable, "-m", "motion_gym", *shlex.split(line), "slow:Slow"]
+    output = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
     process = subprocess.Popen(command, cwd=folder, start_new_session=True, **output)
     try:
         deadline = time.monotonic() + 100
@@ -234,7 +234,8 @@ def test_a_stopped_command_leaves_no_process_behind(folder, number, status):
             os.killpg(process.pid, number)  # as a terminal does
         else:
             process.terminate()
-        assert process.wait(timeout=50) == status
+        err = process.communicate(timeout=50)[1]
+        assert process.returncode == status and "Stopped." in err and "Slow" not in err
         deadline = time.monotonic() + 20
         while living(process.pid) and time.monotonic() < deadline:
             time.sleep(0.1)
