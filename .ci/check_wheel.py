@@ -20,7 +20,7 @@ FOLDERS = {"motion_gym": "motion_gym/", "envs": "motion_gym/envs/", "predictors"
 WEIGHTS = "motion_gym/weights/"
 LEFT_OUT = (".safetensors", ".svg")
 """Endings of the weights and figures."""
-TO_ADD = ("spurious/univ/", "spurious/zara1/", "spurious/hotel/counterfactual")
+TO_ADD = ("spurious/hotel/", "spurious/univ/", "spurious/zara1/", "spurious/zara2/")
 """Beginnings of the names of weights that a user of the wheel adds, since there is no room for them."""
 LIMIT = 20e6
 """Bytes."""

@@ -46,7 +46,7 @@ class KalmanResidual(Weighted):
     neighbours: bool = setting(True, boolean)
     heading: bool = setting(True, boolean)
     kind: ClassVar[str] = "kalman_residual"
-    sets: ClassVar[tuple[str, ...]] = ("original/all", *OTHER_PLACES, "vehicles")
+    sets: ClassVar[tuple[str, ...]] = ("original/all", *OTHER_PLACES, "style", "style/crowd", "vehicles")
     program: ClassVar[type[ResidualProgram]] = ResidualProgram
     parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "all": ("neighbour", "residual"),

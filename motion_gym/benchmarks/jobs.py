@@ -69,6 +69,7 @@ class Runner:
         report: Called before each run with the number of finished runs, the number of all runs, and a label.
         missing: Reason for each row with a missing run, by where the row is shown and the row.
         unwritten: Reasons why runs that are shown could not be computed again or written.
+        computed: Number of runs that were computed.
     """
 
     store: Store
@@ -78,6 +79,7 @@ class Runner:
     report: Report = lambda done, total, label: None
     missing: dict[tuple[str, ...], str] = field(default_factory=dict)
     unwritten: dict[str, None] = field(default_factory=dict)
+    computed: int = 0
 
     def rows(self, jobs: Sequence[Job]) -> dict[tuple[str, ...], list[Run]]:
         """Compute the missing runs of some jobs, and write each run as soon as it is computed.
@@ -98,6 +100,7 @@ class Runner:
             try:
                 runs = result()
                 self.store.take(runs)
+                self.computed += len(runs)
                 for computed in runs:
                     stores.write(self.store.folder, computed)
             except MotionGymError as error:

@@ -51,11 +51,13 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
     jobs += [job for predictor in predictors for job in _drive_jobs(results, predictor, session)]
     parts = {part.title: runs for part, runs in results.parts}
     parts |= {drives.title: runs for drives, runs in results.drives}
-    for (where, column, row), runs in dataclasses.replace(results.runner, only=None).rows(jobs).items():
+    runner = dataclasses.replace(results.runner, only=None)
+    for (where, column, row), runs in runner.rows(jobs).items():
         if where in parts:
             parts[where].extend(runs)
         else:
             results.streams[where, column, row] = runs
+    results.runner.computed = runner.computed
 
 
 def with_stored(name: str, folder: Path | None) -> Results:
@@ -241,15 +243,21 @@ def comparison_tables(results: Results) -> dict[str, Table]:
     notes = [
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
         "than the shipped row",
-        "the mean over seeds of the new row against the named seed of the best shipped row that is no oracle and reads "
-        f"nothing that {BASELINE} does not; on streams seed 0 of both",
+        "the new row, mean over seeds, against the named seed of the best shipped row; oracles, external programs and "
+        f"rows with more declared leaks than {BASELINE} are left out; rows that read a style from reference scenes count",
     ]
+    on_stream = "ADE over the whole stream with seed 0; other tables show the mean over seeds, or a part of the stream"
     columns = {
         title: ["method", "on", "ADE [95 %]", *(cell for name in names for cell in (f"vs {name}", "p"))]
         for title, names in others.items()
     }
     last = ["vs best shipped", "p", "best shipped"]
     return {
-        title: Table(f"{title}: beside the shipped rows", [*columns[title], *last], [*by_column.values()], notes)
+        title: Table(
+            f"{title}: beside the shipped rows",
+            [*columns[title], *last],
+            [*by_column.values()],
+            [on_stream, *notes[:1]] if NONE in others[title] else notes,
+        )
         for title, by_column in rows.items()
     }

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from motion_gym.benchmarks.claims import claims_page
-from motion_gym.cli.output import Out, say
+from motion_gym.cli.output import Out, console, say
 from motion_gym.data.storage import write_atomic
 
 
 def claims(out: Out = None) -> None:
-    """Print the page of claims: every sentence, its numbers, its test, and whether it holds.
+    """Show every claim about results and whether it holds, tested on the stored runs.
 
     Args:
-        out: File to write instead of printing, as docs/claims.md.
+        out: File to write instead, with the numbers and the test of each claim, as docs/claims.md.
     """
-    text = claims_page.page()
     if out is None:
-        print(text, end="")
+        for table in claims_page.tables():
+            console.print(claims_page.short(table))
+        say("The numbers and the test of each claim: motion-gym claims --out claims.md")
     else:
-        write_atomic(out, text.encode())
+        write_atomic(out, claims_page.page().encode())
         say(f"Written: {out}")

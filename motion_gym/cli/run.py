@@ -97,6 +97,10 @@ def run(
     tables = pages.short(results)
     for table in tables:
         console.print(table)
+    if results.runner.computed:
+        say(f"Computed: {results.runner.computed} runs, written to {shown(folder, start)}; the others are stored runs.")
+    else:
+        say("Stored runs: nothing was computed.")
     if into is not None:
         text = "\n\n".join(table.markdown(heading=0) for table in tables)
         changed = marked_block.insert(into, chosen.name, text)

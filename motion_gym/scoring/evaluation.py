@@ -183,7 +183,8 @@ def _scored(
         values = {name: value[0] for name, value in values.items()}
     baseline = score(ask(ready(BASELINE, place), truth.observation), truth, 1, unit)
     counted = place.card.counts.get(split, counts(truth))
-    saw = origin_of_weights(instance) if shows_own_data(place) else ""
+    chosen = getattr(instance, "weights", "") is None
+    saw = origin_of_weights(instance) if chosen or shows_own_data(place) else ""
     agents = truth.observation.agent
     return Scorecard(
         predictor=predictor if isinstance(predictor, str) else name_of(instance),

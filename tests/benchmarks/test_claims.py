@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from motion_gym.benchmarks.claims.claims_page import verdict_table
+from motion_gym.benchmarks.claims.claims_page import short, verdict_table
 from motion_gym.benchmarks.claims.panels import (
     FAILS,
     HOLDS,
@@ -158,9 +158,12 @@ def test_tables_show_the_comparisons_and_the_verdicts():
     assert table.rows[0][:7] == [
         "lower", "style - plain", "A part", "a", "-.100 ± .014", "-20 %", "5 of 5",
     ]  # fmt: skip
-    first, second = verdict_table("A benchmark", claims, comparisons).rows
+    table = verdict_table("A benchmark", claims, comparisons)
+    first, second = table.rows
     assert first[3] == FAILS and "but at style, b (0.98" in first[1] and first[1].startswith("ratio 0.80 to 0.98; p ")
     assert second[1] == "no runs of these rows are stored" and second[3] == UNTESTED
+    assert short(table).title == "A benchmark: 0 of 2 claims hold"
+    assert short(table).rows == [[FAILS, "lower"], [UNTESTED, "never run"]]
 
 
 def test_sentences_of_a_benchmark_differ():

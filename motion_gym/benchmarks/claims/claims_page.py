@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from motion_gym.benchmarks import running
 from motion_gym.benchmarks.claims.panels import (
+    HOLDS,
     Comparison,
     Panel,
     compare,
@@ -37,12 +38,22 @@ PUBLISHED = {"spurious": spurious_panel, "original": original_panel}
 
 def page() -> str:
     """The page, made from the stored runs alone, as Markdown."""
-    parts = ["# Claims", INTRODUCTION]
+    return "\n\n".join(["# Claims", INTRODUCTION, *(table.markdown(2) for table in tables())]) + "\n"
+
+
+def tables() -> Iterator[Table]:
+    """A table for each benchmark, made from the stored runs alone."""
     for name, further in CLAIMS.items():
         results = running.run(name, only=())
         claims = [*results.benchmark.claims, *further]
-        parts.append(verdict_table(name, claims, compare(claims, panels_of(results))).markdown(2))
-    return "\n\n".join(parts) + "\n"
+        yield verdict_table(name, claims, compare(claims, panels_of(results)))
+
+
+def short(table: Table) -> Table:
+    """The claims and verdicts of a table, with their counts in its title."""
+    verdicts = [row[-1] for row in table.rows]
+    title = f"{table.title}: {verdicts.count(HOLDS)} of {len(verdicts)} claims hold"
+    return Table(title, [table.columns[-1], table.columns[0]], [[row[-1], row[0]] for row in table.rows])
 
 
 def panels_of(results: running.Results) -> list[Panel]:

@@ -16,6 +16,8 @@ from motion_gym.contract import SpecError
 
 WIDEST_CELL = 40
 """Characters after which the text of a cell is folded in the terminal."""
+GAP = 3
+"""Characters between two columns in the terminal."""
 WIDE = 100
 """Width of the terminal, in characters, from which on a mean and its interval are on one line."""
 
@@ -80,7 +82,10 @@ class Table:
         return "\n\n".join(parts)
 
     def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
-        """Print the table with rich; columns that do not fit side by side go into a second table with the same rows."""
+        """Print the table with rich; columns that do not fit side by side go into a second table with the same rows.
+
+        The second table begins with as many columns of the first one as tell its rows apart.
+        """
         from rich import box
         from rich.padding import Padding
         from rich.table import Table as Grid
@@ -91,13 +96,13 @@ class Table:
         yield Text(self.title, style="bold")
         if self.caption:
             yield Text(self.caption, style="dim")
-        for part in _fitting([list(column) for column in zip(self.columns, *rows, strict=True)], width):
+        columns = [list(column) for column in zip(self.columns, *rows, strict=True)]
+        for part in _fitting(columns, _keys(rows), width):
             grid = Grid(header_style="bold", box=box.SIMPLE_HEAD)
-            for number, column in enumerate(part):
-                shortest = max(map(len, column[0].split()), default=0)
+            for number, (column, of_column) in enumerate(zip(part, _widths(part, width), strict=True)):
                 numeric = all(re.match(r"[-+<.\d]|$", cell) for cell in column[1:])
                 justify: Any = "right" if number and numeric else "left"
-                grid.add_column(Text(column[0]), justify=justify, overflow="fold", min_width=min(shortest, 20))
+                grid.add_column(Text(column[0]), justify=justify, overflow="fold", width=of_column)
             for cells in zip(*(column[1:] for column in part), strict=True):
                 grid.add_row(*map(Text, cells))
             yield grid
@@ -119,22 +124,41 @@ def visible(text: str) -> str:
     return CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
-def _fitting(columns: Sequence[list[str]], width: int) -> list[list[list[str]]]:
-    """Columns in groups that fit a width; each group begins with the first column."""
-    first, *others = columns
-    parts, used = [[first]], _width(first)
+def _keys(rows: Sequence[Sequence[str]]) -> int:
+    """Number of first columns that tell the rows apart, up to three; 1 if they do not."""
+    counts = range(1, 4)
+    return next((count for count in counts if len({tuple(row[:count]) for row in rows}) == len(rows)), 1)
+
+
+def _fitting(columns: Sequence[list[str]], keys: int, width: int) -> list[list[list[str]]]:
+    """Columns in groups that fit a width; each group begins with the first ``keys`` columns."""
+    first, others = columns[:keys], columns[keys:]
+    parts = [[*first]]
     for column in others:
-        if len(parts[-1]) > 1 and used + _width(column) > width:
-            parts.append([first])
-            used = _width(first)
+        if len(parts[-1]) > keys and sum(map(_width, [*parts[-1], column])) >= width:
+            parts.append([*first])
         parts[-1].append(column)
-        used += _width(column)
     return parts
 
 
+def _widths(columns: Sequence[list[str]], width: int) -> Sequence[int | None]:
+    """Widths at which no word of a column is broken, wider where there is room; None if there is none."""
+    room = width - 1 - sum(map(_width, columns))
+    if room < 0:
+        return [None] * len(columns)
+    widths = []
+    for column in columns:
+        least = _width(column) - GAP
+        longest = max(len(line) for cell in column for line in cell.split("\n"))
+        widths.append(least + min(room, max(longest - least, 0)))
+        room -= widths[-1] - least
+    return widths
+
+
 def _width(column: Sequence[str]) -> int:
+    """The least width of a column: longer lines than ``WIDEST_CELL`` are folded, and its head between words."""
     words, lines = column[0].split(), [line for cell in column[1:] for line in cell.split("\n")]
-    return min(max(map(len, [*words, *lines]), default=0), WIDEST_CELL) + 3
+    return min(max(map(len, [*words, *lines]), default=0), WIDEST_CELL) + GAP
 
 
 def _markdown(cell: str) -> str:
