@@ -13,6 +13,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c $
 $(VENV)/.installed: $(ROOT)pyproject.toml $(ROOT)constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
 	  { echo "motion-gym needs Python 3.10 or newer, and $(PYTHON) is older: make PYTHON=python3.12 ..."; exit 1; }
+	@echo 'Installing into $(VENV), with PyTorch: a few minutes.'
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) -e "$(ROOT)[torch]"
 	@touch $@
@@ -24,6 +25,7 @@ $(VENV)/.ready: $(VENV)/.installed
 demo: $(VENV)/.installed
 	$(BIN)/motion-gym run style
 	$(BIN)/motion-gym report --out $(ROOT)motion-gym-results.html
+	@echo 'Open motion-gym-results.html in a browser: all results, and a player of scenes.'
 	@echo 'Next: write a predictor, as examples/own_predictor.py. From the folder examples:'
 	@echo '  . ../.venv/bin/activate; motion-gym score own_predictor:Turning --domain orca:d=0.6'
 

@@ -244,7 +244,7 @@ def comparison_tables(results: Results) -> dict[str, Table]:
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
         "than the shipped row",
         "the new row, mean over seeds, against the named seed of the best shipped row; oracles, external programs and "
-        f"rows with more declared leaks than {BASELINE} are left out; rows that read a style from reference scenes count",
+        f"rows with more declared leaks than {BASELINE} are left out; rows that read a style from scenes count",
     ]
     on_stream = "ADE over the whole stream with seed 0; other tables show the mean over seeds, or a part of the stream"
     columns = {

@@ -28,9 +28,10 @@ from motion_gym.benchmarks.reports.table import Table, p_text
 INTRODUCTION = (
     "Every sentence about results, the numbers behind it, the test, and whether it holds, made from the stored runs. A "
     "ratio is the mean ADE of a row over the mean ADE of the row that it is compared with; in `planning`, of what the "
-    "planner loses, 1 - score. p-values are of two-sided paired t-tests over seeds, corrected for the number of "
-    "distinct tests in each table (Holm). A sentence that does not hold is followed by a sentence that does, where "
-    "there is one."
+    "planner loses, 1 - score. `a / b, 16 (0.9)` is the ratio of row a to row b in column 16. A test must come out in "
+    "every comparison (*everywhere*) or in none (*nowhere*). p-values are of two-sided paired t-tests over seeds, "
+    "corrected for the number of distinct tests in each table (Holm). A sentence that does not hold is followed by a "
+    "sentence that does, where there is one."
 )
 PUBLISHED = {"spurious": spurious_panel, "original": original_panel}
 """Panels with the paper's numbers, by benchmark."""
@@ -105,7 +106,9 @@ def _numbers(claim: Claim, comparisons: Sequence[Comparison]) -> str:
 def _cell(comparison: Comparison) -> str:
     ratio = "-" if comparison["ratio"] is None else f"{comparison['ratio']:.2f}"
     p = comparison["p_corrected"]
-    return f"{comparison['row']}, {comparison['column']} ({ratio}{'' if p is None else f', p {p_text(p)}'})"
+    row, than = comparison["row"], comparison["than"]
+    rows = row if row == than else f"{row} / {than}"
+    return f"{rows}, {comparison['column']} ({ratio}{'' if p is None else f', p {p_text(p)}'})"
 
 
 def _range(texts: Iterable[str]) -> str:
