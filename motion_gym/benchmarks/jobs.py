@@ -118,13 +118,18 @@ class Runner:
         return {key: runs for key, runs in rows.items() if key not in self.missing}
 
     def not_shown(self) -> str:
-        """The rows that are not shown, a line for each reason; rows that were not requested are left out."""
+        """The rows that are not shown, a line for each reason; rows that were not requested are left out.
+
+        What to do is said with the first of the reasons that end with the same sentences.
+        """
         reasons: dict[str, dict[str, list[str]]] = {}
         for (*where, row), reason in self.missing.items():
             if reason != NOT_REQUESTED:
                 reasons.setdefault(reason, {}).setdefault(row, []).append(", ".join(where))
-        lines = []
-        for reason, by_row in reasons.items():
+        lines, remedies = [], [reason.partition(". ")[2] for reason in reasons]
+        for number, (reason, by_row) in enumerate(reasons.items()):
+            what, _, remedy = reason.partition(". ")
+            reason = f"{what}." if remedy and remedy in remedies[:number] else reason
             rows = [_with_columns(row, columns) for row, columns in by_row.items()]
             lines.append(f"Not shown: {', '.join(_first(rows, 'rows'))}: {reason}")
         return "\n".join(_first(lines, "messages"))

@@ -11,6 +11,7 @@ import motion_gym
 from motion_gym import catalog
 from motion_gym.benchmarks import running
 from motion_gym.benchmarks.identity import canonical, question
+from motion_gym.benchmarks.jobs import Runner
 from motion_gym.benchmarks.reports import pages
 from motion_gym.benchmarks.store import SHIPPED, Store
 from motion_gym.contract import SpecError
@@ -142,3 +143,17 @@ def test_shipped_weights_forecast_better_than_standing_still(path, eth_ucy):
         assert card["training"][name] == (list(value) if name == "epochs" else value)
     still = [score(StandStill().predict(truth.observation), truth)["ADE"] for truth in validation]
     assert max(card["validation_ade"]) < 0.9 * np.concatenate(still).mean()
+
+
+def test_what_to_do_is_said_once():
+    runner = Runner(Store("style"))
+    runner.missing = {
+        ("a",): "x.txt is missing. Run `fetch`, or name a folder.",
+        ("b",): "y.txt is missing. Run `fetch`, or name a folder.",
+        ("c",): "no weights",
+    }
+    assert runner.not_shown().splitlines() == [
+        "Not shown: a: x.txt is missing. Run `fetch`, or name a folder.",
+        "Not shown: b: y.txt is missing.",
+        "Not shown: c: no weights",
+    ]
