@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym.contract import WINDOW, DataError, Recording, SpecError
-from motion_gym.data.domains import RecordedDomain
+from motion_gym.data.domains import RecordedDomain, argument_of
 from motion_gym.data.storage import digest
 from motion_gym.data.tracks.track_files import Reading, TrackFile, find_files, read_track_files
 from motion_gym.data.windows import Tracks as Cut
@@ -24,6 +24,8 @@ SHORT_SHARES = (0.5, 0.0, 0.5)
 """The same of recordings that are too short for three parts."""
 LONG = 200
 """Steps from which on each of three parts has room for windows."""
+WHOLE = "0 0 1"
+"""The split whose test part is the whole file."""
 SOURCE_SHARES = (0.8, 0.2, 0.0)
 """The same of a file that is only trained on."""
 PARTS = ("train", "val", "test")
@@ -218,15 +220,33 @@ class Tracks(RecordedDomain):
                 "longer gap; else give a smaller step (predictors of other steps refuse)."
             )
         else:
+            low, high = self.edges()[part]
+            larger = {"train": 0.7, "test": 0.3}.get(part, 1.0) > high - low
             remedy = (
-                f"The longest track of the whole file has {whole} steps. Give another split, as split='0 0 1' to score "
-                "all of the file (predictors that are fitted then need sources=OTHER_FILE), or split='0.7 0 0.3' "
-                "without validation."
+                f"The longest track of the whole file has {whole} steps. {self.advice_on_the_whole_file()}"
+                f"{' Or leave out validation: split=0.7 0 0.3.' if larger else ''}"
             )
         raise DataError(
             f"{self.path}: split `{part}`, {_percent(self.edges()[part])} of the time{guard}, has no window: nobody "
             f"is there for 20 consecutive steps of {self.dt:g} s ({rows} rows of {agents} agents, the "
             f"longest unbroken track has {longest} steps). {remedy}"
+        )
+
+    def advice_on_the_whole_file(self) -> str:
+        """What to do where the split ``test`` has few windows or none: score the whole file."""
+        if self.shares[2] == 1:
+            return f"The other agents are in no window of {WINDOW} consecutive steps ({(WINDOW - 1) * self.dt:g} s)."
+        return (
+            f"To score the whole file, write {argument_of(self.replace(split=WHOLE))} (for `inspect`: --split "
+            f"'{WHOLE}'). Predictors that are fitted then need sources=OTHER_FILE."
+        )
+
+    def without_sources(self) -> str:
+        """What to do where a predictor must be trained and the split leaves no part to train on."""
+        halves = " ".join(f"{share:g}" for share in SHORT_SHARES)
+        return (
+            f"has nothing to train on: split={self.parameters['split']} leaves no part of the file for training. Write "
+            f"{argument_of(self.replace(split=halves))}, or name another file to train on, sources=OTHER_FILE."
         )
 
     def sources(self) -> list[RecordedDomain]:

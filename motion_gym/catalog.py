@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 from collections import ChainMap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from typing import Any
 
 from motion_gym.contract import Domain, MotionGymError, ParameterError, Predictor, SpecError, raised_at
 from motion_gym.names import ADAPTERS, DOMAINS, PREDICTORS, Entry
-from motion_gym.specs import format_spec, parse_spec, suggest, whole_number
+from motion_gym.own_classes import class_hint
+from motion_gym.specs import file_hint, format_spec, parse_spec, suggest, whole_number
 
 __all__ = [
     "ADAPTERS",
@@ -111,7 +113,10 @@ def load_class(target: str, kind: str = "object") -> type:
         SpecError: There is no such module or class.
     """
     module_name, _, class_name = target.partition(":")
-    if not all(part.isidentifier() for part in (*module_name.split("."), class_name)):
+    is_file = module_name.endswith(".py") and os.path.isfile(module_name)
+    if is_file or not all(part.isidentifier() for part in (*module_name.split("."), class_name)):
+        if hint := class_hint(target):
+            raise SpecError(f"`{target}` is no {kind}.{hint}")
         raise SpecError(f"`{target}` is no {kind}: write `module:Class`, as in `my_package.my_module:MyClass`.")
     try:
         module = importlib.import_module(module_name)
@@ -120,17 +125,16 @@ def load_class(target: str, kind: str = "object") -> type:
     except (Exception, SystemExit) as error:
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{module_name}.".startswith(f"{missing}."):
-            raise SpecError(
-                f"There is no module `{module_name}` for the {kind} `{target}`. Run from the folder that holds "
-                f"{module_name.split('.')[0]}.py, or install its package."
-            ) from None
+            file = f"{module_name.split('.')[0]}.py"
+            hint = class_hint(target) or f" Run from the folder that holds {file}, or install its package."
+            raise SpecError(f"There is no module `{module_name}` for the {kind} `{target}`.{hint}") from None
         if missing in ("torch", "safetensors") and module_name.startswith("motion_gym."):
             raise SpecError(
                 f"The {kind} `{class_name}` needs PyTorch, and {missing} is not installed: "
                 'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'
             ) from None
         raise SpecError(
-            f"Importing `{module_name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
+            f"Importing `{module_name}` raised {type(error).__name__}: {error}{raised_at(error)}."
         ) from error
     if not hasattr(module, class_name):
         classes = [name for name, value in vars(module).items() if inspect.isclass(value)]
@@ -180,7 +184,7 @@ def _make(spec: Any, parameters: dict[str, Any], kind: _Kind) -> Any:
         raise
     except (Exception, SystemExit) as error:
         raise SpecError(
-            f"Making {kind.name} `{name}` raised {type(error).__name__}: {error} ({raised_at(error)})."
+            f"Making {kind.name} `{name}` raised {type(error).__name__}: {error}{raised_at(error)}."
         ) from error
 
 
@@ -198,9 +202,15 @@ def _factory(
     if colon:
         return name, load_class(name, kind.name), arguments
     if name not in kind.table:
-        others = ((k.name, k.table) for k in (_DOMAIN, _PREDICTOR))
-        hint = next((f" (It is a {other}.)" for other, table in others if name in table), suggest(name, kind.table))
-        raise SpecError(f"There is no {kind.name} `{name}`.{hint} Your own: `module:Class`.")
+        hint = class_hint(name)
+        if kind is _DOMAIN:
+            hint = hint or file_hint(name) or file_hint(name.partition(",")[0])
+        if not hint:
+            others = ((k.name, k.table) for k in (_DOMAIN, _PREDICTOR))
+            known = PREDICTORS if kind is _PREDICTOR else kind.table
+            hint = next((f" (It is a {other}.)" for other, table in others if name in table), suggest(name, known))
+            hint += " Your own: `module:Class`."
+        raise SpecError(f"There is no {kind.name} `{name}`.{hint}")
     entry = kind.table[name]
     arguments = {**entry.parameters, **arguments}
     if key := entry.refused(arguments):
@@ -241,8 +251,8 @@ def _check_unknown(name: str, known: Mapping[str, inspect.Parameter], arguments:
             "of)`, and adapt a copy, `copy.deepcopy(of)`."
         )
     if unknown is not None:
-        # The last words are Python's own, which learning libraries look for.
+        # TorchRL makes an environment without `frameskip` if the error has these words.
+        words = f" (unexpected keyword argument '{unknown}')" if unknown == "frameskip" else ""
         raise ParameterError(
-            f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)} "
-            f"(TypeError: got an unexpected keyword argument '{unknown}')"
+            f"{kind.capitalize()} `{name}` has no parameter `{unknown}`.{suggest(unknown, known)}{words}"
         )

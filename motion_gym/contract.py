@@ -65,10 +65,15 @@ _LIBRARIES = tuple(
 
 
 def raised_at(error: BaseException) -> str:
-    """File and line of users' code that raised an exception, or that called the library which did."""
+    """File and line of users' code that raised an exception, or that called the library which did.
+
+    Returns:
+        `` (file.py, line 3)``; empty if only this package raised, as where it called a method with other arguments.
+    """
     frames = traceback.extract_tb(error.__traceback__)
     last = next((f for f in reversed(frames) if not f.filename.startswith((*_LIBRARIES, "<frozen"))), frames[-1])
-    return f"{Path(last.filename).name}, line {last.lineno}"
+    ours = last.filename.startswith((_LIBRARIES[0], "<frozen"))
+    return "" if ours else f" ({Path(last.filename).name}, line {last.lineno})"
 
 
 @dataclass(frozen=True, eq=False)

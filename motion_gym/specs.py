@@ -12,6 +12,7 @@ import difflib
 import functools
 import keyword
 import math
+import os
 import re
 import warnings
 from collections.abc import Collection, Iterable
@@ -19,6 +20,8 @@ from numbers import Integral, Real
 from typing import Any
 
 from motion_gym.contract import SpecError
+from motion_gym.names import ADAPTERS, DOMAINS, PREDICTORS
+from motion_gym.own_classes import call_hint
 
 _PARAMETER = re.compile(
     r"""\s*([^=,]*)=\s*('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|\([^)]*\)|\[[^\]]*\]|[^,]*)\s*(?:,|$)""", re.DOTALL
@@ -29,10 +32,23 @@ _PARAMETER = re.compile(
 def suggest(name: str, allowed: Iterable[str]) -> str:
     """Sentence for an unknown name: the most similar name, and all allowed names."""
     allowed = sorted(allowed)
+    close = closest(name, allowed)
+    meant = f" Did you mean `{close}`?" if close else ""
+    return f"{meant} Known: {', '.join(allowed) if allowed else 'none'}."
+
+
+def file_hint(name: str) -> str:
+    """Sentence for an unknown name that is a file: the spec that reads it as tracks; empty for other names."""
+    if not os.path.isfile(os.path.expanduser(name)):
+        return ""
+    return f" It is a file: write `{format_spec('tracks', {'path': name})}`, with fps=25 or dt=0.4 for frame numbers."
+
+
+def closest(name: str, allowed: Iterable[str]) -> str | None:
+    """The allowed name that is most similar to an unknown one; None if none is similar."""
     lower = {word.lower(): word for word in allowed}
     close = difflib.get_close_matches(name.lower(), lower, n=1)
-    meant = f" Did you mean `{lower[close[0]]}`?" if close else ""
-    return f"{meant} Known: {', '.join(allowed) if allowed else 'none'}."
+    return lower[close[0]] if close else None
 
 
 def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
@@ -69,6 +85,13 @@ def _parsed(spec: str) -> tuple[str, dict[str, Any]]:
         key = match[1].strip() if match else ""
         key += "_" * keyword.iskeyword(key)
         if match is None or not key.isidentifier():
+            part = text[at:].split(",")[0].strip()
+            file = "=" not in part and any(sign in part for sign in "./\\")
+            if head.strip() == "tracks" and file and "path" not in parameters:
+                with_path = f"{head}:{text[:at]}path={text[at:]}"
+                raise SpecError(f"`{part}` in `{spec}` is not a parameter. Write `{with_path}`.")
+            if (meant := call_hint(spec)) and head.strip() not in (*DOMAINS, *PREDICTORS, *ADAPTERS):
+                raise SpecError(f"`{part}` in `{spec}` is not a parameter. Write `{meant}`.")
             raise SpecError(
                 f"`{text[at:].split(',')[0]}` in `{spec}` is not a parameter. Write `name:key=value,key=value`, as in "
                 "`eth:alpha=64`; quote text that holds a comma, as in path='a,b.txt', and separate the numbers of one "

@@ -39,8 +39,7 @@ class Weighted:
 
     Args:
         weights: Name of shipped weights (``spurious``, ``style``), or a ``.safetensors`` file. By default, ``auto``,
-            one of the shipped ``sets`` that was not trained in the world where the predictor is scored; see
-            ``choose_weights``.
+            one of the shipped ``sets`` that was not trained in the world where the predictor is scored.
         seed: Seed of the trained model to use; by default the first.
 
     Raises:

@@ -11,8 +11,9 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from motion_gym import catalog
-from motion_gym.contract import SpecError
+from motion_gym.contract import PredictorError, SpecError
 from motion_gym.data.domains import RecordedDomain
+from motion_gym.stepping.harness import guarded
 
 fast = settings(max_examples=100, deadline=None)
 names = st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True)
@@ -54,6 +55,13 @@ class Opens:
 class Broken:
     def __init__(self):
         raise TypeError("a fault of its own")
+
+    predict = Needs.predict
+
+
+class Positional:
+    def __init__(self, a, /):
+        self.a = a
 
     predict = Needs.predict
 
@@ -107,10 +115,29 @@ def test_parse(spec, expected):
     assert catalog.parse_spec(spec) == expected
 
 
-@pytest.mark.parametrize("spec", ["eth:alpha=8,sigma", "eth:al pha=8", "m:C:x", "eth:=3", "eth:reference-share=.1"])
+@pytest.mark.parametrize(
+    "spec", ["eth:alpha=8,sigma", "eth:al pha=8", "m:C:x", "eth:=3", "eth:reference-share=.1", "tracks:fps=2,unit"]
+)
 def test_what_is_no_parameter_is_quoted(spec):
     with pytest.raises(SpecError, match=r"is not a parameter. Write `name:key=value"):
         catalog.parse_spec(spec)
+
+
+@pytest.mark.parametrize(
+    ("spec", "written"),
+    [
+        ("tracks:walk.csv,fps=25", "tracks:path=walk.csv,fps=25"),
+        ("tracks:fps=25,walk.csv", "tracks:fps=25,path=walk.csv"),
+    ],
+)
+def test_a_file_without_its_key(spec, written):
+    with pytest.raises(SpecError, match=f"`walk.csv` in `{spec}` is not a parameter. Write `{written}`.$"):
+        catalog.parse_spec(spec)
+
+
+def test_a_path_that_holds_a_comma_is_to_be_quoted():
+    with pytest.raises(SpecError, match=r"`b\.csv` in .* quote text that holds a comma"):
+        catalog.parse_spec("tracks:path=a,b.csv,fps=25")
 
 
 def test_a_parameter_given_twice_is_refused():
@@ -137,6 +164,14 @@ def test_nothing_close_lists_what_is_known():
     assert all(name in str(error.value) for name in catalog.PREDICTORS)
 
 
+def test_an_unknown_predictor_is_told_of_predictors_alone():
+    with pytest.raises(SpecError) as error:
+        catalog.predictor("liner")
+    assert "Did you mean `linear`?" in str(error.value) and "constant_turn" in str(error.value)
+    known = str(error.value).partition("Known: ")[2]
+    assert not [name for name in catalog.ADAPTERS if name not in catalog.PREDICTORS and f" {name}," in known]
+
+
 def test_suggest_without_anything_allowed():
     assert catalog.suggest("x", []) == " Known: none."
 
@@ -144,8 +179,13 @@ def test_suggest_without_anything_allowed():
 def test_unknown_parameters_name_the_nearest():
     with pytest.raises(SpecError, match=r"Predictor `linear` has no parameter `rigde`. Did you mean `ridge`"):
         catalog.predictor("linear:rigde=2")
-    with pytest.raises(SpecError, match=r"Domain `orca` has no parameter `D`. Did you mean `d`"):
+    with pytest.raises(SpecError, match=r"Domain `orca` has no parameter `D`. Did you mean `d`.* speed\.$"):
         catalog.domain("orca", D=0.3)
+
+
+def test_torchrl_recognises_that_frames_cannot_be_skipped():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        catalog.domain("orca", frameskip=2)
 
 
 def test_keyword_arguments_win_over_the_spec():
@@ -201,6 +241,19 @@ def test_a_constructors_own_error_says_where_it_is():
     ) as caught:
         catalog.predictor(f"{HERE}:Broken")
     assert isinstance(caught.value.__cause__, TypeError)
+
+
+@pytest.mark.parametrize("make", [lambda: guarded(Needs(1), "predict"), lambda: catalog.predictor(Positional)])
+def test_a_call_with_other_arguments_names_no_line_of_this_package(make):
+    with pytest.raises((PredictorError, SpecError), match=r"missing 1 required positional argument: '\w+'\."):
+        make()
+
+
+def test_a_syntax_error_names_the_users_file_alone(tmp_path, monkeypatch):
+    (tmp_path / "unfinished.py").write_text("class P:\n    def predict(self:\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(SpecError, match=r"raised SyntaxError: [^(]*'\(' was never closed \(unfinished.py, line 2\)\.$"):
+        catalog.predictor("unfinished:P")
 
 
 def test_a_fault_in_a_library_names_the_line_that_called_it():

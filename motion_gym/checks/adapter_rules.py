@@ -42,7 +42,7 @@ def given(trial: AdapterTrial) -> None:
     """The adapted predictor does not change, whatever is observed."""
     source, remedy = trial.source, "keep copy.deepcopy(of), and change that."
     if source is None:
-        raise NotChecked("an instance was given: give the class to have this rule checked")
+        raise NotChecked("an instance was given, and not its class")
     trial.comparable()
     ask(source, trial.lessons[0].observation)  # fills caches before the snapshot
     before = snapshot(source)

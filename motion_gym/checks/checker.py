@@ -16,7 +16,7 @@ from motion_gym.checks.adapter_trials import AdapterTrial
 from motion_gym.checks.domain_rules import DOMAIN_RULES, DomainTrial
 from motion_gym.checks.predictor_method_rules import PREDICTOR_RULES
 from motion_gym.checks.predictor_trials import PredictorTrial
-from motion_gym.checks.report import CheckReport, Outcome, Rules, run_rules
+from motion_gym.checks.report import CheckReport, NotChecked, Outcome, Rules, run_rules
 from motion_gym.contract import Domain, MotionGymError, Predictor, PredictorError, SpecError
 from motion_gym.stepping.harness import copied, name_of
 
@@ -170,7 +170,8 @@ def _source(predictor: Any, place: Domain | None) -> Any:
     try:
         ready = trial.ready()
         trial.ask(ready)
-    except MotionGymError as error:
+    except MotionGymError as refusal:
+        error = refusal.__cause__ if isinstance(refusal, NotChecked) and refusal.__cause__ else refusal
         where = "the windows of the domain" if place is not None else "synthetic scenes of 1, 2 and 5 agents, or pairs"
         raise PredictorError(f"{_title(predictor)} could not be asked to forecast {where}: {error}") from error
     return ready

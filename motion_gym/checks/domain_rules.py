@@ -56,7 +56,7 @@ class DomainTrial:
             except DataError:
                 raise
             except Exception as error:
-                raise NotChecked(f"recordings({split!r}) cannot be used: {error}") from error
+                raise NotChecked("recordings cannot be used") from error
         return self._recordings[split]
 
     def windows(self, split: str) -> Truth:
@@ -65,7 +65,7 @@ class DomainTrial:
         try:
             return check_truth(self.domain.windows(split), f"windows({split!r})")
         except Exception as error:
-            raise NotChecked(f"windows({split!r}) cannot be used: {error}") from error
+            raise NotChecked("windows cannot be used") from error
 
 
 def members(trial: DomainTrial) -> None:
@@ -165,7 +165,8 @@ def windows(trial: DomainTrial) -> None:
             columns = trial.windows(split).observation.history.shape[2]
         except NotChecked as reason:
             raise CheckError(
-                f"{reason}. Features and side_channels must give finite numbers [A, {HISTORY}, number of names]."
+                f"windows({split!r}) cannot be used: {reason.__cause__}. "
+                f"Features and side_channels must give finite numbers [A, {HISTORY}, number of names]."
             ) from reason
         broken_if(
             columns != named,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import glob
 import os
+import re
+import textwrap
 import warnings
 from collections import Counter
 from collections.abc import Sequence
@@ -15,11 +17,13 @@ import numpy as np
 
 from motion_gym import catalog
 from motion_gym.checks import track_measurements as measure
+from motion_gym.checks.speeds import speed
 from motion_gym.checks.track_measurements import Finding, Steps
 from motion_gym.contract import DataError, Domain, Recording, SpecError
 from motion_gym.data.domains import spec_of
 from motion_gym.data.storage import digest
 from motion_gym.data.tracks.column_names import FLAGS, plain_name
+from motion_gym.data.tracks.table_files import missing_file
 from motion_gym.data.tracks.tables import Table
 from motion_gym.data.tracks.track_columns import unknown_unit
 from motion_gym.data.tracks.track_files import METRES, TrackFile, units_in_headers, usual_frames
@@ -60,13 +64,24 @@ class Inspection:
         }
 
     def __str__(self) -> str:
-        width = max(len(finding.name) for finding in (*self.understood, *self.measured))
-        lines = [self.title, "", "Understood"]
-        lines += [f"  {finding.name:<{width}}  {finding.text}" for finding in self.understood]
-        lines += ["", "Measured"]
-        lines += [f"  {finding.name:<{width}}  {finding.text}" for finding in self.measured]
-        lines += ["", "Warnings", *(f"  - {text}" for text in self.warnings or ["none"])]
+        return self.text(100_000)
+
+    def text(self, width: int) -> str:
+        """The report in lines of at most ``width`` characters, where the words and commands in it allow it."""
+        names = max(len(finding.name) for finding in (*self.understood, *self.measured))
+        lines = [self.title]
+        for title, findings in (("Understood", self.understood), ("Measured", self.measured)):
+            lines += ["", title, *(_wrapped(f"  {f.name:<{names}}  ", f.text, width) for f in findings)]
+        lines += ["", "Warnings", *(_wrapped("  - ", text, width) for text in self.warnings or ["none"])]
         return "\n".join(lines)
+
+
+def _wrapped(start: str, text: str, width: int) -> str:
+    """A text behind the start of a line; its further lines are indented, and no option is cut from its value."""
+    whole = re.sub(r"""--\w+ ("[^"]*"|'[^']*')""", lambda option: option[0].replace(" ", "\xa0"), text)
+    options: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+    lines = textwrap.wrap(whole, width, initial_indent=start, subsequent_indent=" " * len(start), **options)
+    return "\n".join(lines).replace("\xa0", " ") or start.rstrip()
 
 
 def inspect(domain: str | os.PathLike[str] | Domain, **keywords: Any) -> Inspection:
@@ -88,14 +103,17 @@ def inspect(domain: str | os.PathLike[str] | Domain, **keywords: Any) -> Inspect
 
 
 def warnings_of(place: Any) -> list[str]:
-    """The warnings about a user's domain; none about shipped ones, whose defects are documented, or broken ones."""
+    """The warnings about a user's domain; none about shipped ones, whose defects are documented, or broken ones.
+
+    That the split ``test`` has no windows is left out: scoring raises it as an error.
+    """
     files = _files(place)
     if not files and is_shipped(place):
         return []
     recordings = _recordings(place)
     counted = _of_domain(place, recordings) if files else []
     findings = [*_of_files(files), *counted, *_measurements(place, files, recordings)]
-    return [finding.warning for finding in findings if finding.warning]
+    return [f.warning for f in findings if f.warning and (f.name, f.value) != ("windows of test", None)]
 
 
 def warn_about(places: Sequence[Any]) -> None:
@@ -116,10 +134,10 @@ def _recordings(place: Any) -> list[Recording]:
 def _measurements(place: Any, files: Sequence[TrackFile], recordings: Sequence[Recording]) -> list[Finding]:
     card = place.card
     steps = Steps.of(recordings, card.unit)
-    stated = next((f"{k}={card.parameters[k]}" for k in ("dt", "fps") if files and card.parameters.get(k)), "")
-    interval = float(np.median([f.clock.interval for f in files])) if files else card.dt
+    stated = next((f"{k}={card.parameters[k]:g}" for k in ("dt", "fps") if files and card.parameters.get(k)), "")
     median = float(np.median(steps.moving)) if len(steps.moving) else 0.0
-    measured = [*measure.speed(steps, interval, stated), measure.standing(steps)]
+    reading = files[0].reading if files else None
+    measured = [*speed(steps, _rate(files, card.dt), reading), measure.standing(steps)]
     timed = bool(files) and "dt" not in stated  # by fps or by times: there is no doubt about the step
     if not timed and not card.source.startswith("simulated"):
         straight = measure.straightness(steps, stated)
@@ -138,6 +156,15 @@ def _measurements(place: Any, files: Sequence[TrackFile], recordings: Sequence[R
     return measured
 
 
+def _rate(files: Sequence[TrackFile], dt: float) -> float:
+    """Frame numbers per second, as understood; 0 if the files themselves say the time."""
+    if not files:
+        return 1 / dt
+    if files[0].reading.fps:
+        return files[0].reading.fps
+    return 0.0 if files[0].clock.measured else float(np.median([1 / file.clock.tick for file in files]))
+
+
 def domain_of(domain: str | os.PathLike[str] | Domain, **keywords: Any) -> Any:
     """The domain of a name, a spec or an object, or the domain ``tracks`` of a file or a pattern."""
     if isinstance(domain, (str, os.PathLike)):
@@ -146,7 +173,7 @@ def domain_of(domain: str | os.PathLike[str] | Domain, **keywords: Any) -> Any:
             return catalog.domain("tracks", path=text, **keywords)
         name = catalog.parse_spec(text)[0] if "=" in text or ":" not in text else text
         if name not in catalog.DOMAINS and ":" not in text and (Path(text).suffix or "/" in text):
-            raise DataError(f"there is no file {text}. Check the name and the folder.")
+            raise missing_file(Path(text).expanduser())
         return catalog.domain(text, **keywords)
     return catalog.domain(domain, **keywords)
 
@@ -169,6 +196,7 @@ def _of_files(files: Sequence[TrackFile]) -> list[Finding]:
     people = "of one person each, put together" if len(first.tables) > 1 else "each a recording of its own"
     reading = first.reading
     scaled = f", times {reading.scale:g}" if reading.scale is not None else ""
+    scaled += f", converted to {reading.domain_unit}" if reading.unit != reading.domain_unit else ""
     constant = [table.title(c) for c in range(len(table.columns)) if _constant(table.columns[c])]
     off = np.concatenate([file.resampled.irregular for file in files])
     lines = [file.lines[file.resampled.irregular[:1]] for file in files if len(file.resampled.irregular)]
@@ -209,8 +237,7 @@ def _of_files(files: Sequence[TrackFile]) -> list[Finding]:
         Finding("time", first.clock.how, first.clock.how + (f" (comment: {rate[0]})" if rate else "")),
         Finding("steps", first.resampled.how, first.resampled.how),
         Finding("irregular frames", len(off), f"{len(off)} rows" if len(off) else "none", irregular),
-        Finding("unit", reading.unit, f"{reading.unit}{scaled}, read as {reading.domain_unit}",
-                _other_unit(files)),
+        Finding("unit", reading.unit, f"{reading.unit}{scaled}", _other_unit(files)),
         *_flags(files), *_twins(tables),
     ]  # fmt: skip
 
@@ -287,18 +314,20 @@ def _of_domain(place: Any, recordings: Sequence[Recording]) -> list[Finding]:
         Finding("recordings", len(recordings), f"{len(recordings)}, with {frames} steps and {agents} agents"),
     ]
     for split in SPLITS:
+        name = f"windows of {split}"
         try:
             seen = counts(place.windows(split))
         except (DataError, SpecError) as error:
-            findings.append(Finding(f"windows of {split}", None, "none", str(error) if split == "test" else ""))
+            findings.append(Finding(name, None, "none", str(error) if split == "test" else ""))
             continue
         text = f"{seen['scenes']} windows, {seen['agent_windows']} agent-windows of {seen['agents']} agents"
-        few = split == "test" and seen["agents"] < FEW and seen["agents"] < agents and _files(place)
-        remedy = (
-            f"Only {seen['agents']} of {agents} agents have windows in the split `test`, so intervals will be wide. "
-            "Score predictors that need no training on the whole file: split='0 0 1'."
-        )
-        findings.append(Finding(f"windows of {split}", seen, text, remedy if few else ""))
+        few = ""
+        if split == "test" and seen["agents"] < FEW and seen["agents"] < agents and _files(place):
+            few = (
+                f"Only {seen['agents']} of {agents} agents have windows in the split `test`, so intervals will be "
+                f"wide. {place.advice_on_the_whole_file()}"
+            )
+        findings.append(Finding(name, seen, text, few))
     return findings
 
 

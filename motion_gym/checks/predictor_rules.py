@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from motion_gym.checks.predictor_trials import FAR, SAMPLES, PredictorTrial, distances, gap, partly_known, same
+from motion_gym.checks.predictor_trials import FAR, INVALID, SAMPLES, PredictorTrial, distances, gap, partly_known, same
 from motion_gym.checks.report import CheckError, NotChecked, broken_if
 from motion_gym.contract import Forecast, MotionGymError
 from motion_gym.data.windows import pick_scenes
@@ -58,7 +58,7 @@ def forecast(trial: PredictorTrial) -> None:
     try:
         trial.answer(predictor, trial.scenes.truth.observation)
     except MotionGymError as error:
-        raise NotChecked("predict raises") from error
+        raise NotChecked(INVALID) from error
     for samples in (1, 5, SAMPLES):
         try:
             trial.ask(predictor, samples=samples)
@@ -76,7 +76,7 @@ def pure(trial: PredictorTrial) -> None:
         _ask_others(trial, predictor)
         later = trial.ask(predictor)
     except MotionGymError as error:
-        raise NotChecked("predict gives no valid forecast") from error
+        raise NotChecked(INVALID) from error
     for answer, when in ((again, "asked twice"), (later, "asked again after a forecast of other scenes")):
         if not same(first, answer):
             touched = ", ".join(changed(before, snapshot(predictor))[:3])
@@ -200,7 +200,7 @@ def place(trial: PredictorTrial) -> None:
     try:
         first = trial.ask(predictor, dataclasses.replace(observation, history=history)).most_likely()[:, 0]
     except MotionGymError as error:
-        raise NotChecked(f"it refuses scenes far from the origin ({error})") from error
+        raise NotChecked("predict gives no valid forecast of scenes far from the origin") from error
     off = np.linalg.norm(first - history[:, -1, :2], axis=-1)
     broken_if(
         (off > FAR / 10).any(),

@@ -24,6 +24,8 @@ PAIRS = (2, 2, 2, 2)
 FAR = 1e4
 """Metres from the origin to one synthetic scene; float32 still resolves a millimetre there."""
 SAMPLES = 20
+INVALID = "predict gives no valid forecast"
+"""Why a rule is not checked; the rules ``predict`` and ``forecast`` report the error."""
 SCENES, TRAINING_SCENES = 6, 40
 """Number of scenes of a domain that are forecast, and of each training environment."""
 
@@ -141,21 +143,23 @@ class PredictorTrial:
         return self.fitted(self.scenes)
 
     @functools.cached_property
-    def _incomparable(self) -> str:
-        """Why forecasts cannot be compared; empty if they can."""
+    def _incomparable(self) -> tuple[str, BaseException | None]:
+        """Why forecasts cannot be compared, and the error behind it; an empty reason if they can."""
         try:
             predictor = self.ready()
             repeats = same(self.ask(predictor), self.ask(predictor))
+        except NotChecked as reason:
+            return str(reason), reason.__cause__
         except MotionGymError as error:
-            return f"the predictor gives no valid forecast ({error})"
-        return "" if repeats else "the predictor answers the same question differently each time"
+            return INVALID, error
+        return ("", None) if repeats else ("predict answers the same question differently each time", None)
 
     def fresh(self) -> Any:
         """A new predictor; an oracle is shown the domain."""
         instance = self.make()
         if hasattr(instance, "know"):
             if self.domain is None:
-                raise NotChecked("an oracle forecasts nothing before it knows a domain: give one")
+                raise NotChecked("an oracle forecasts nothing without a domain (argument `domain`)")
             guarded(instance, "know", self.domain)
         return instance
 
@@ -178,7 +182,7 @@ class PredictorTrial:
         except NotChecked:
             raise
         except MotionGymError as error:
-            raise NotChecked(f"the predictor cannot be fitted ({error})") from error
+            raise NotChecked("the predictor cannot be fitted") from error
         try:
             return copy.deepcopy(first)
         except Exception:
@@ -186,8 +190,9 @@ class PredictorTrial:
 
     def comparable(self) -> Any:
         """The predictor of ``ready``; NotChecked unless its forecasts are valid and repeat."""
-        if self._incomparable:
-            raise NotChecked(self._incomparable)
+        reason, cause = self._incomparable
+        if reason:
+            raise NotChecked(reason) from cause
         return self.ready()
 
     def answer(self, predictor: Any, observation: Observation, samples: int = SAMPLES, seed: int = 3) -> Any:
@@ -217,7 +222,7 @@ class PredictorTrial:
             with global_randomness():
                 guarded(predictor, "observe", copy.deepcopy(partly_known(self.scenes.truth)))
         except MotionGymError as error:
-            raise NotChecked(f"observe raises ({error})") from error
+            raise NotChecked("observe raises") from error
 
 
 def same(a: Forecast, b: Forecast) -> bool:

@@ -19,7 +19,7 @@ class CheckError(MotionGymError, ValueError):
 
 
 class NotChecked(MotionGymError):
-    """A rule cannot be checked; the message says why."""
+    """A rule cannot be checked; the message says why, and ``__cause__`` is the error that another rule reports."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,13 @@ class Outcome:
         rule: Name of the rule.
         status: ``kept``, ``broken``, ``skipped`` or ``not checked``.
         message: What was observed and what to do, or why the rule was not checked; empty if the rule is kept.
+        cause: The error because of which the rule was not checked; empty if there is none.
     """
 
     rule: str
     status: str
     message: str = ""
+    cause: str = ""
 
     def __str__(self) -> str:
         return f"{self.rule}: {self.message}"
@@ -82,9 +84,22 @@ class CheckReport:
         if self.ok:
             title = f"{self.title} keeps the contract of {article} {self.kind}: {rules} checked"
         lines = [title, *(f"- {problem}" for problem in self.problems)]
-        for status in ("skipped", "not checked"):
-            lines += [f"- {status}: {outcome}" for outcome in self.outcomes if outcome.status == status]
-        return "\n".join(lines)
+        lines += [f"- skipped: {outcome}" for outcome in self.outcomes if outcome.status == "skipped"]
+        return "\n".join([*lines, *self._not_checked()])
+
+    def _not_checked(self) -> list[str]:
+        """One line for each reason why rules were not checked; a broken rule already reports the cause."""
+        further = "" if self.ok else "further "
+        rules: dict[str, list[str]] = {}
+        for outcome in self.outcomes:
+            if outcome.status == "not checked":
+                cause = f" ({outcome.cause.rstrip('.')})" if outcome.cause and self.ok else ""
+                rules.setdefault(f"{outcome.message}{cause}", []).append(outcome.rule)
+        return [
+            f"- {len(names)} {further}{'rule' if len(names) == 1 else 'rules'} not checked, because {reason}: "
+            f"{', '.join(names)}"
+            for reason, names in rules.items()
+        ]
 
 
 def broken_if(fault: Any, message: str) -> None:
@@ -123,7 +138,7 @@ def _outcome(name: str, rule: Callable[[Any], None], trial: Any) -> Outcome:
     try:
         rule(trial)
     except NotChecked as reason:
-        return Outcome(name, "not checked", str(reason))
+        return Outcome(name, "not checked", str(reason), str(reason.__cause__ or ""))
     except DataError:
         raise
     except MotionGymError as error:

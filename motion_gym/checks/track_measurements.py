@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +11,6 @@ import numpy as np
 from motion_gym.contract import FUTURE, HISTORY, WINDOW, Recording
 from motion_gym.data.windows import Tracks, step_numbers
 
-WALKING = (0.5, 2.0)
-"""Metres per second: the usual range of the median speed of people who walk."""
-WALK = 1.3
-"""Metres per second at which people walk most of the time."""
 STANDING = 0.1
 """Metres per second below which an agent stands."""
 MOSTLY_STANDING = 0.7
@@ -33,9 +29,6 @@ MOST_WINDOWS = 20_000
 """Windows of a recording that are measured."""
 WIDE = 5000.0
 """Metres: wider than what a recording of people from one place shows."""
-UNITS = {"m": 1.0, "ft": 0.3048, "in": 0.0254, "cm": 0.01, "mm": 0.001}
-VIDEO = (8.0, 130.0)
-"""Frames per second of cameras and sensors."""
 
 
 @dataclass(frozen=True)
@@ -83,53 +76,6 @@ class Steps:
     def moving(self) -> np.ndarray:
         """Lengths of the steps of agents who move; of all steps where the unit is not metres."""
         return self.length[self.length > STANDING * self.dt] if self.unit == "m" else self.length[self.length > 0]
-
-
-def speed(steps: Steps, interval: float, stated: str) -> Iterator[Finding]:
-    """Median and 99th percentile of the speed of agents who move, and the median step.
-
-    Args:
-        steps: The steps.
-        interval: Seconds between listed rows of an agent, as understood.
-        stated: The keyword that says how long a frame is, as ``dt=0.4``; empty if none.
-    """
-    speeds = steps.moving / steps.dt
-    if not len(speeds):
-        yield Finding(
-            "median speed", None, "nobody moves", "Nobody moves in any step: check which columns are x and y."
-        )
-        return
-    median, high = float(np.median(speeds)), float(np.quantile(speeds, 0.99))
-    warning = ""
-    if steps.unit == "m" and not WALKING[0] <= median <= WALKING[1]:
-        ratio = median / WALK
-        said = f"{ratio:.2g} times as fast as" if ratio > 1 else f"{1 / ratio:.2g} times slower than"
-        warning = (
-            f"The median speed is {median:.2f} m/s, {said} people walk (1.0 to 1.6 m/s; cyclists 3 to 7, cars 5 to "
-            f"35). {_explanations(median, interval, stated)}"
-        )
-    yield Finding("median speed", round(median, 4), f"{median:.2f} {steps.unit}/s of those who move", warning)
-    yield Finding("99th percentile of speed", round(high, 4), f"{high:.2f} {steps.unit}/s")
-    step = float(np.median(steps.moving))
-    yield Finding("median step", round(step, 5), f"{step:.3f} {steps.unit} in {steps.dt:g} s")
-
-
-def _explanations(median: float, interval: float, stated: str) -> str:
-    """Which units and rates would make people walk at a usual speed."""
-    options = []
-    for unit, metres in UNITS.items():
-        as_unit = median * metres
-        if unit != "m" and WALK / 2 <= as_unit <= WALK * 1.6:
-            options.append(f"unit={unit} ({as_unit:.2f} m/s)")
-        fps = WALK / as_unit / interval
-        if VIDEO[0] <= fps <= VIDEO[1] and as_unit < WALK / 2:
-            with_unit = "" if unit == "m" else f"unit={unit} and "
-            options.append(f"{with_unit}fps of about {fps:.0f}, if every frame of a video is listed")
-    also = f" Check {stated}." if stated else " Check dt and the unit."
-    slow = (
-        " Most agents may stand or walk slowly." if median < WALKING[0] else " If they are vehicles, it may be right."
-    )
-    return f"{'It would fit: ' + '; or '.join(options[:3]) + '.' if options else ''}{also}{slow}".strip()
 
 
 def straightness(steps: Steps, stated: str) -> Finding | None:

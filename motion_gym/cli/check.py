@@ -10,7 +10,9 @@ from motion_gym import catalog
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.cli.output import console
 from motion_gym.contract import DataError, SpecError
+from motion_gym.own_classes import class_hint
 from motion_gym.scoring.evaluation import BASELINE
+from motion_gym.specs import file_hint
 from motion_gym.stepping.harness import ready
 
 Thing = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="THING")]
@@ -78,9 +80,8 @@ def _is_predictor(thing: str) -> bool:
     if name in known:
         return name in catalog.PREDICTORS
     if not own:
-        raise SpecError(
-            f"There is no predictor or domain `{name}`.{catalog.suggest(name, known)} Your own: `module:Class`."
-        )
+        hint = class_hint(name) or file_hint(thing) or f"{catalog.suggest(name, known)} Your own: `module:Class`."
+        raise SpecError(f"There is no predictor or domain `{name}`.{hint}")
     kind = catalog.load_class(target)
     if not any(hasattr(kind, method) for method in ("predict", "recordings")):
         raise SpecError(f"{target} is neither a predictor (method `predict`) nor a domain (`recordings`).")

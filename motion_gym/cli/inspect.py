@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from motion_gym.cli.output import Json, Text, print_json, say
+from motion_gym.cli.output import Json, Text, console, print_json, say
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="NUMBER")]
 
@@ -44,8 +44,14 @@ def inspect(
     keywords: dict[str, Any] = {"sources": sources or None}
     keywords |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
     keywords |= {"split": split}
-    report = inspect_domain(thing, **{name: value for name, value in keywords.items() if value is not None})
+    keywords = {name: _plain(value) for name, value in keywords.items() if value is not None}
+    report = inspect_domain(thing, **keywords)
     if as_json:
         print_json(report.as_dict())
     else:
-        say(str(report))
+        say(report.text(console.width))
+
+
+def _plain(value: Any) -> Any:
+    """A whole number as an int, as a spec has it: fps=25, not fps=25.0."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -1,8 +1,7 @@
-"""The command that lists domains, predictors, benchmarks and data sets, and explains one of them."""
+"""The command that lists domains, predictors, benchmarks, metrics and data sets, and explains one of them."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from typing import Annotated
 
@@ -11,8 +10,8 @@ import tyro
 from motion_gym import catalog
 from motion_gym.benchmarks.reports.table import Table
 from motion_gym.benchmarks.running import BENCHMARKS, benchmark
+from motion_gym.cli.explain import explanations
 from motion_gym.cli.output import Json, console, print_json, say
-from motion_gym.contract import SpecError
 from motion_gym.data import datasets
 from motion_gym.metrics.errors import METRICS
 from motion_gym.scoring.evaluation import PROTOCOLS
@@ -24,15 +23,15 @@ def ls(
     """List domains, predictors, adapters, benchmarks, protocols, metrics and data sets, or explain one.
 
     Args:
-        name: Domain, predictor or adapter to explain, with its parameters; without a name, all are listed.
+        name: What to explain; without a name, all are listed.
         as_json: Print JSON in place of tables.
     """
     if name is not None:
-        explained = _explained(name)
+        explained = explanations(name)
         if as_json:
             print_json(explained)
         else:
-            say(f"{name}{explained['signature']}\n\n{explained['description']}")
+            say("\n\n".join("{kind} {name}{signature}\n\n{description}".format(**entry) for entry in explained))
         return
     head = ("name", "description")
     rows: dict[str, tuple[str, tuple[str, ...], list[tuple[str, ...]]]] = {
@@ -75,18 +74,3 @@ def ls(
 
 def _summaries(entries: Mapping[str, catalog.Entry]) -> list[tuple[str, ...]]:
     return [(key, entry.summary) for key, entry in entries.items()]
-
-
-def _explained(name: str) -> dict[str, str]:
-    """Name, signature and documentation of one entry."""
-    target, _ = catalog.parse_spec(name)
-    known = {**catalog.DOMAINS, **catalog.PREDICTORS, **catalog.ADAPTERS}
-    if target not in known and ":" not in target:
-        raise SpecError(f"There is nothing of the name `{name}`.{catalog.suggest(name, known)} Your own: module:Class.")
-    entry = known.get(target)
-    kind = catalog.load_class(entry.target if entry else target)
-    texts = [inspect.getdoc(kind) or "It has no docstring."]
-    parent = next((k for k in kind.__mro__[1:] if k.__doc__ and "## Arguments" in k.__doc__), None)
-    if parent is not None and "## Arguments" not in (kind.__doc__ or ""):
-        texts.append(inspect.getdoc(parent) or "")
-    return {"name": name, "signature": str(inspect.signature(kind)), "description": "\n\n".join(texts)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -28,6 +29,14 @@ LIBRARY_METHODS = {
     "history": "give features(history), which receives the observed steps alone, or declare side_channels",
 }
 """Methods that a subclass of RecordedDomain must not define, and what to define instead."""
+
+NO_SOURCES = (
+    "names no domains to train on: define `sources()` in its class; `return [self]` trains on its own splits `train` "
+    "and `val`. Or fit the predictor yourself, `predictor.fit(train, validation, seed)`, and pass the fitted object."
+)
+"""What is said of a domain without sources."""
+SPECIAL = '"$`\\!'
+"""Characters that a shell changes within double quotes."""
 
 
 class RecordedDomain:
@@ -122,6 +131,10 @@ class RecordedDomain:
         """The domains on which a predictor is trained before a test on this domain; may be empty."""
         return []
 
+    def without_sources(self) -> str:
+        """What to do where a predictor must be trained and ``sources()`` is empty."""
+        return NO_SOURCES
+
     @property
     def parameters(self) -> dict[str, Any]:
         """The constructor's arguments with their values."""
@@ -215,7 +228,7 @@ def observed_images(domain: Domain, recordings: Sequence[Recording]) -> list[Sce
 
 def spec_of(domain: Domain) -> str:
     """Shortest spec of a domain: without parameters at their defaults, except those its class calls ``headline``."""
-    card = domain.card
+    card = domain if isinstance(domain, RecordedDomain) else domain.card  # the card of files reads the files
     defaults = {name: p.default for name, p in inspect.signature(type(domain)).parameters.items()}
     shown = getattr(type(domain), "headline", ())
     changed = {k: v for k, v in card.parameters.items() if (k in shown and v is not None) or defaults.get(k) != v}
@@ -252,6 +265,19 @@ def freeze(truth: Truth) -> Truth:
     return truth
 
 
+def argument_of(domain: Domain) -> str:
+    """A domain as an argument of the command line: ``--domain "eth:alpha=64"``."""
+    spec = spec_of(domain)
+    quoted = shlex.quote(spec) if set(spec) & set(SPECIAL) else f'"{spec}"'
+    return f"--domain {quoted}"
+
+
+def no_sources(domain: Any) -> SpecError:
+    """The error for a predictor that must be trained for a domain without sources."""
+    reason = domain.without_sources() if hasattr(domain, "without_sources") else NO_SOURCES
+    return SpecError(f"Domain `{domain.card.name}` {reason}")
+
+
 def training_set(domain: Any, **options: Any) -> TrainingSet:
     """The ``train`` and ``val`` windows of the sources of a domain, on which a predictor is fitted.
 
@@ -264,8 +290,5 @@ def training_set(domain: Any, **options: Any) -> TrainingSet:
     """
     sources = domain.sources(**options) if hasattr(domain, "sources") else []
     if not sources:
-        raise SpecError(
-            f"Domain `{domain.card.name}` names no domains to train on: define `sources()` in its class, or fit the "
-            "predictor yourself, `predictor.fit(train, validation, seed)`, and pass the fitted object."
-        )
+        raise no_sources(domain)
     return [s.windows("train") for s in sources], [s.windows("val") for s in sources]

@@ -54,7 +54,10 @@ def _checked(forecast: Any, observation: Observation, samples: int | None, name:
         allowed = f"{expected}, or 1 if the predictor is deterministic" if samples != 1 else "1"
         raise PredictorError(f"{name} returned {number} samples and {expected} were asked for: return {allowed}.")
     if positions.dtype.kind != "f":
-        raise PredictorError(f"{name} returned dtype {positions.dtype}: positions are float32 metres.")
+        raise PredictorError(
+            f"{name} returned dtype {positions.dtype}: positions are float32 metres, so return "
+            "positions.astype(np.float32)."
+        )
     # A copy, since a predictor that keeps its array could change a stored forecast later; cast first, since a value
     # that is finite in float64 may not be in float32.
     with np.errstate(over="ignore"):

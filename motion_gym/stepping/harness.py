@@ -129,7 +129,7 @@ def windows_of_domain(domain: Domain, split: str) -> Truth:
         raise
     except (Exception, SystemExit) as error:
         raise DataError(
-            f"{name}.windows({split!r}) raised {type(error).__name__}: {error} ({raised_at(error)})."
+            f"{name}.windows({split!r}) raised {type(error).__name__}: {error}{raised_at(error)}."
         ) from error
     return check_truth(truth, f"{name}.windows({split!r})")
 
@@ -207,7 +207,7 @@ def guarded(predictor: Any, method: str, *arguments: Any, **keywords: Any) -> An
         elif isinstance(error, TypeError) and "'Forecast'" in str(error):
             remedy = " The positions of a Forecast are its array `positions` [A, K, 12, 2]."
         said = f": {str(error).rstrip('.')}" if str(error) else ""
-        message = f"{name_of(predictor)}.{method} raised {type(error).__name__}{said} ({raised_at(error)}).{remedy}"
+        message = f"{name_of(predictor)}.{method} raised {type(error).__name__}{said}{raised_at(error)}.{remedy}"
         raise PredictorError(message) from error
 
 

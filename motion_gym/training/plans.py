@@ -12,7 +12,7 @@ from typing import Any
 
 from motion_gym import catalog
 from motion_gym.contract import SpecError
-from motion_gym.data.domains import TrainingSet, spec_of, training_set
+from motion_gym.data.domains import TrainingSet, no_sources, spec_of, training_set
 
 PLACES = ("eth", "hotel", "univ", "zara1", "zara2")
 WEIGHTS = Path(__file__).parent.parent / "weights"
@@ -148,10 +148,7 @@ def training_for(domain: str, predictor: Any) -> Training:
     """
     plan = Training(domain, options=JOINT if "joint" in _options_of_program(predictor) else {})
     if not plan.names():
-        raise SpecError(
-            f"Domain `{domain}` names no domains to train on: define `sources()` in its class; `return [self]` trains "
-            "on its own splits `train` and `val`."
-        )
+        raise no_sources(catalog.domain(domain))
     return plan
 
 

@@ -1,8 +1,11 @@
 """The checkers accept shipped predictors and domains, and report all broken rules at once."""
 
+import re
+
+import numpy as np
 import pytest
 
-from motion_gym import catalog
+from motion_gym import RecordedDomain, catalog
 from motion_gym.checks import checker as checks
 from motion_gym.contract import DataError, PredictorError, SpecError
 from tests import traffic
@@ -105,7 +108,72 @@ def test_a_rule_is_run_by_itself_or_skipped_with_a_reason():
 
 def test_unchecked_rules_are_reported():
     report = checks.run_checks("orca_oracle", "predictor")
-    assert report.ok and "- not checked: predict: an oracle" in str(report)
+    assert report.ok
+    reason = "because an oracle forecasts nothing without a domain (argument `domain`)"
+    assert re.search(rf"^- \d+ rules not checked, {re.escape(reason)}: predict, forecast, ", str(report), re.MULTILINE)
+
+
+class Longer:
+    """Forecasts 20 steps in place of 12."""
+
+    def predict(self, observation, samples=1, seed=0):
+        return np.zeros((len(observation), samples, 20, 2), np.float32)
+
+
+class LongerAdapter(Longer):
+    def __init__(self, of):
+        self.of = of
+
+    def observe(self, truth):
+        pass
+
+    def reset(self):
+        pass
+
+
+class NoTable(RecordedDomain):
+    def recordings(self, split):
+        self.check_split(split)
+        return [3]
+
+
+class Unteachable(Longer):
+    def fit(self, train, validation, seed=0):
+        raise RuntimeError("no GPU")
+
+
+@pytest.mark.parametrize(
+    ("thing", "kind", "line"),
+    [
+        (Longer, "predictor", "8 further rules not checked, because predict gives no valid forecast: pure, state, "),
+        (LongerAdapter, "adapter", "18 further rules not checked, because predict gives no valid forecast: pure, "),
+        (NoTable, "domain", "10 further rules not checked, because recordings cannot be used: card, splits, dt, "),
+        (Unteachable, "predictor", "11 further rules not checked, because the predictor cannot be fitted: predict, "),
+    ],
+)
+def test_rules_that_are_not_checked_for_the_same_reason_share_a_line(thing, kind, line):
+    lines = str(checks.run_checks(thing, kind, of="constant_velocity")).splitlines()
+    assert [each for each in lines if "not checked" in each] == [lines[-1]]
+    assert lines[-1].startswith(f"- {line}") and len(lines[-1]) < 250
+
+
+def test_the_error_is_said_where_no_broken_rule_reports_it():
+    report = str(checks.run_checks(Longer, "predictor", only=["state"]))
+    assert "- 1 rule not checked, because predict gives no valid forecast (Longer.predict returned shape" in report
+
+
+def test_the_predictor_to_adapt_is_said_to_have_raised():
+    with pytest.raises(PredictorError, match=r"could not be asked .*: Unteachable.fit raised RuntimeError: no GPU"):
+        checks.check_adapter(LongerAdapter, Unteachable)
+
+
+def test_whole_numbers_are_to_be_converted():
+    class Whole(Longer):
+        def predict(self, observation, samples=1, seed=0):
+            return np.zeros((len(observation), samples, 12, 2), np.int64)
+
+    with pytest.raises(PredictorError, match=r"returned dtype int64: .*return positions.astype\(np.float32\)\."):
+        checks.check_predictor(Whole)
 
 
 def test_rules_can_be_called_as_functions():

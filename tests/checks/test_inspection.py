@@ -46,9 +46,17 @@ def test_a_good_file_has_no_warning_and_every_value_is_right(tmp_path):
 def test_a_test_split_with_few_people_is_named(tmp_path):
     rows = [row for row in walk_rows(**FEW) if row[1] in (0, 1, 2) or row[0] < 700]
     found = report(tmp_path, rows, fps=25, split="0.5 0 0.5")
-    assert "Only 3 of 8 agents have windows in the split `test`" in only(found, "split='0 0 1'")
-    scored = motion_gym.domain("tracks", path=str(tmp_path / "walk.csv"), fps=25, split="0.5 0 0.5")
+    path = tmp_path / "walk.csv"
+    text = only(found, f"write --domain \"tracks:path={path},fps=25,split=0 0 1\" (for `inspect`: --split '0 0 1')")
+    assert "Only 3 of 8 agents have windows in the split `test`" in text
+    scored = motion_gym.domain("tracks", path=str(path), fps=25, split="0.5 0 0.5")
     assert warnings_of(scored) == found.warnings  # `score` prints them, too
+
+
+def test_the_whole_file_is_not_advised_where_it_is_scored(tmp_path):
+    rows = [row for row in walk_rows(**FEW) if row[1] in (0, 1, 2) or row[0] % 700 < 150]
+    text = only(report(tmp_path, rows, fps=25), "have windows in the split `test`")
+    assert "The other agents are in no window of 20 consecutive steps (7.6 s)" in text and "--domain" not in text
 
 
 def as_feet(rows):
@@ -66,8 +74,67 @@ def test_centimetres_at_sixteen_frames_a_second(tmp_path):
     rows = [(f, a, 100 * x, 100 * y) for f, a, x, y in walk_rows(**FEW, fps=16)]
     found = report(tmp_path, rows, dt=0.4).warnings
     assert any("unit=cm and fps of about 16" in text for text in found), found
-    assert any("It would fit: unit=cm" in text for text in report(tmp_path, rows, fps=16).warnings)
+    assert any("unit=cm would give 1.3" in text for text in report(tmp_path, rows, fps=16).warnings)
     assert not report(tmp_path, rows, fps=16, unit="cm").warnings
+
+
+@pytest.mark.parametrize(
+    ("feet", "keywords", "said"),
+    [
+        (True, {"fps": 50, "unit": "ft"}, "fps of about 25 would give 1.3 m/s. Check fps=50 and unit=ft."),
+        (True, {"fps": 50.0, "unit": "ft"}, "fps of about 25 would give 1.3 m/s. Check fps=50 and unit=ft."),
+        (True, {"dt": 0.4, "unit": "ft"}, "fps of about 25 instead of dt=0.4 would give 1.3 m/s. Check dt=0.4 and"),
+        (True, {"fps": 2.5, "unit": "ft"}, "fps of about 25 would give 1.3 m/s. Check fps=2.5 and unit=ft."),
+        (True, {"fps": 25}, "unit=ft would give 1.30 m/s; or fps of about 7.6 would give 1.3 m/s. Check fps=25 and"),
+        (True, {"dt": 0.4}, "unit=ft and fps of about 25 instead of dt=0.4 would give 1.3 m/s. Check dt=0.4 and"),
+        (False, {"fps": 25, "unit": "ft"}, "unit=m would give 1.30 m/s; or fps of about 82 would give 1.3 m/s. Check"),
+        (False, {"fps": 25, "unit": "cm"}, "0.013 m/s. unit=m would give 1.30 m/s. Check fps=25 and unit=cm, and"),
+        (False, {"fps": 25, "unit": "km"}, "unit=m would give 1.30 m/s. Check fps=25 and unit=km."),
+        (False, {"fps": 25, "scale": 0.3}, "unit=m without scale would give 1.30 m/s; or fps of about 83 would"),
+        (False, {"dt": 0.01}, "dt of about 0.04 would give 1.3 m/s. Check dt=0.01 and unit=m."),
+    ],
+)
+def test_units_and_rates_that_would_fit(tmp_path, feet, keywords, said):
+    rows = walk_rows(**FEW, wobble=0.01)
+    found = report(tmp_path, as_feet(rows) if feet else rows, **keywords)
+    (text,) = [text for text in found.warnings if "Check" in text]
+    assert f". {said}" in text or f"; {said}" in text or said in text.partition("median speed is ")[2]
+    assert "unit=" not in said or f"; or unit={keywords.get('unit', 'm')} " not in text
+
+
+def test_no_other_rate_is_offered_where_the_file_says_the_times(tmp_path):
+    rows = [(f / 25, a, x, y) for f, a, x, y in as_feet(walk_rows(**FEW))]
+    text = only(
+        report(tmp_path, rows, header="time,id,x,y"), "unit=ft would give 1.30 m/s. Check the times of the file"
+    )
+    assert "fps" not in text
+
+
+def test_a_file_in_which_nobody_moves_at_all(tmp_path):
+    rows = [(f, a, 1.0, 2.0 * a) for f, a, x, y in walk_rows(**FEW)]
+    assert any("Nobody moves in any step" in text for text in report(tmp_path, rows, fps=25).warnings)
+
+
+def test_the_unit_is_said_to_be_converted(tmp_path):
+    def unit(**keywords):
+        return next(
+            f.text for f in report(tmp_path, walk_rows(**FEW), fps=25, **keywords).understood if f.name == "unit"
+        )
+
+    assert [unit(), unit(unit="ft"), unit(unit="px")] == ["m", "ft, converted to m", "px"]
+    assert unit(unit="px", scale=0.1) == "px, times 0.1, converted to m"
+
+
+def test_a_report_is_as_wide_as_the_terminal(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = [row for row in as_feet(walk_rows(**FEW)) if row[1] in (0, 1, 2) or row[0] < 700]
+    write_rows("walk.csv", rows)
+    text = inspect("walk.csv", fps=25, unit="ft", split="0.5 0 0.5").text(80)
+    assert max(map(len, text.splitlines())) <= 80
+    assert (
+        "\n  columns                   frame or time column 0 `frame`, id column 1 `id`, x\n" + " " * 28 + "c" in text
+    )
+    assert '--domain "tracks:path=walk.csv,fps=25,unit=ft,split=0 0 1"' in text  # in one line, to be copied
 
 
 def test_thirty_frames_a_second_that_are_not_thinned(tmp_path):
@@ -230,7 +297,7 @@ def test_eth_is_truly_too_fast(eth_ucy):
 
 def test_what_can_be_inspected():
     assert inspect("tracks", path=walks_file(), fps=25).title == inspect(walks_file(), fps=25).title
-    with pytest.raises(DataError, match=r"there is no file nothing\.csv"):
+    with pytest.raises(DataError, match=r"there is no file nothing\.csv\. Check the name and the folder\."):
         inspect("nothing.csv")
     with pytest.raises(SpecError, match="Did you mean `hotel`"):
         inspect("hotl")

@@ -44,6 +44,39 @@ def test_score_prints_warnings_and_which_part_was_scored(capsys, feet):
     assert "warning" not in capsys.readouterr().err
 
 
+def test_score_says_once_that_there_is_no_test_window_and_what_to_write(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = walk_rows(people=9, frames=1500)
+    write_rows("walk.csv", [(f, a, x, y) for f, a, x, y in rows if f < 700])
+    with pytest.raises(SystemExit):
+        main(["score", "linear", "--domain", "tracks:path=walk.csv,fps=25"])
+    error = " ".join(capsys.readouterr().err.split())
+    assert error.count("has no window: nobody is there") == 1 and "warning" not in error
+    assert 'To score the whole file, write --domain "tracks:path=walk.csv,fps=25,split=0 0 1"' in error
+    assert "for `inspect`: --split '0 0 1'" in error
+    with pytest.raises(SystemExit):
+        main(["score", "linear", "--domain", "tracks:path=walk.csv,fps=25,split=0 0 1"])
+    error = " ".join(capsys.readouterr().err.split())
+    assert "Domain `tracks` has nothing to train on: split=0 0 1 leaves no part of the file for training." in error
+    assert '--domain "tracks:path=walk.csv,fps=25,split=0.5 0 0.5", or name another file to train on, sources=' in error
+
+
+def test_inspect_fits_the_terminal_and_a_whole_rate_is_written_as_such(capsys, feet):
+    main(["inspect", feet, "--fps", "10", "--unit", "ft"])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "tracks:path='my walk,1.csv',fps=10,unit=ft" and max(map(len, lines)) <= 80
+
+
+def test_a_misspelt_file_and_a_file_that_is_no_name(capsys, feet):
+    for line, said in (
+        (["inspect", "my wlak,1.csv"], "Did you mean `my walk,1.csv`?"),
+        (["check", feet], "It is a file: write `tracks:path='my walk,1.csv'`, with fps=25 or dt=0.4"),
+    ):
+        with pytest.raises(SystemExit):
+            main(line)
+        assert said in capsys.readouterr().err
+
+
 def test_check_accepts_a_file(capsys):
     main(["check", f"tracks:path={walks_file()},fps=25"])
     out = capsys.readouterr().out

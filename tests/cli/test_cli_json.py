@@ -41,8 +41,10 @@ def test_listings_are_printed_as_json(capsys):
     assert {"name": "eth", "id": "ETH-v0", "description": catalog.DOMAINS["eth"].summary} in printed["domains"]
     assert [row["name"] for row in printed["predictors"]] == list(catalog.PREDICTORS)
 
-    explained = parsed(capsys, "ls linear --json")
-    assert explained["name"] == "linear" and "ridge" in explained["signature"] and explained["description"]
+    (explained,) = parsed(capsys, "ls linear --json")
+    assert (explained["kind"], explained["name"]) == ("predictor", "linear") and explained["description"]
+    assert explained["signature"] == "(sigma: bool | str = False, ridge: float = 1.0)"
+    assert [entry["kind"] for entry in parsed(capsys, "ls style --json")] == ["adapter", "benchmark"]
 
 
 @pytest.mark.parametrize(("word", "meant"), [("scor", "score"), ("Score", "score"), ("chekc", "check")])

@@ -1,11 +1,13 @@
 """The short spec of a domain makes the same domain."""
 
+import shlex
 from typing import Any
 
 import pytest
 
 import motion_gym
-from motion_gym.data.domains import spec_of
+from motion_gym.data.domains import argument_of, spec_of
+from motion_gym.envs.tracks import Tracks
 
 make: Any = motion_gym.domain
 
@@ -38,3 +40,17 @@ def test_short_spec_of_a_domain_with_required_parameters():
 
     assert spec_of(Own("a.txt")) == "own:path=a.txt"
     assert spec_of(Own("a.txt", 0.5)) == "own:path=a.txt,dt=0.5"
+
+
+@pytest.mark.parametrize(
+    ("name", "argument"),
+    [
+        ("my walk.csv", '--domain "tracks:path=my walk.csv"'),
+        ("a,b.csv", "--domain \"tracks:path='a,b.csv'\""),
+        ("$HOME.csv", "--domain 'tracks:path=$HOME.csv'"),
+    ],
+)
+def test_an_argument_of_the_command_line_is_quoted_for_a_shell(name, argument):
+    domain = Tracks(name)
+    assert argument_of(domain) == argument
+    assert shlex.split(argument) == ["--domain", spec_of(domain)]

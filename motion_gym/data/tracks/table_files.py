@@ -19,7 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, SpecError
+from motion_gym.data.tracks.column_names import role_of
 from motion_gym.data.tracks.tables import DATE, DECIMAL_COMMA, DELIMITERS, NUMBER, Table, short
+from motion_gym.specs import closest
 
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 SAMPLE = 1000
@@ -87,7 +89,17 @@ def content_of(path: Path) -> bytes:
         raise DataError(f"{path} is a folder. Give a file, or a pattern as '{path}/*.txt'.")
     if there:
         raise DataError(f"{path} is not a file. Give a file of tracks.")
-    raise DataError(f"there is no file {path}. Check the name and the folder.")
+    raise missing_file(path)
+
+
+def missing_file(path: Path) -> DataError:
+    """The error for a file that is not there, with the file of the most similar name in its folder."""
+    try:
+        close = closest(path.name, [other.name for other in path.parent.iterdir() if other.is_file()])
+    except (OSError, ValueError):
+        close = None
+    remedy = f"Did you mean `{path.parent / close}`?" if close else "Check the name and the folder."
+    return DataError(f"there is no file {path}. {remedy}")
 
 
 def decompressed(path: Path, content: bytes) -> tuple[bytes, str]:
@@ -222,6 +234,11 @@ def _delimiter(path: Path, lines: Sequence[str], numbers: Sequence[int]) -> str:
             fallback = delimiter
     if fallback is None and damage is not None:
         raise damage
+    if fallback is None and len(lines) == 1 and _is_header(path, lines, numbers):
+        raise DataError(
+            f"{path} has a header, {short(lines[0])}, and no rows. Expected a row for each person and frame: "
+            "frame id x y."
+        )
     if fallback is None:
         raise DataError(
             f"{path} is not a table of numbers: its lines do not have three or more columns separated by tabs, "
@@ -229,6 +246,15 @@ def _delimiter(path: Path, lines: Sequence[str], numbers: Sequence[int]) -> str:
             "frame: frame id x y."
         )
     return fallback
+
+
+def _is_header(path: Path, lines: Sequence[str], numbers: Sequence[int]) -> bool:
+    """Whether a single line is a header: three or more fields, none of them a number, and names of x and y."""
+    for delimiter in DELIMITERS:
+        fields = _split(path, lines, numbers, delimiter)[0]
+        if len(fields) > 2 and not any(map(_is_value, fields)) and {"x", "y"} <= set(map(role_of, fields)):
+            return True
+    return False
 
 
 def _split(path: Path, lines: Sequence[str], numbers: Sequence[int], delimiter: str) -> list[list[str]]:

@@ -75,7 +75,9 @@ def test_a_truncated_archive_is_refused(tmp_path, pack):
         (b"1\n2\n3\n", "is not a table of numbers"),
         (b"1,2\n2,3\n", "is not a table of numbers"),
         (b"a text that says something\nand a second line\n", "is not a table of numbers"),
-        (b"frame,id,x,y\n", "is not a table of numbers: .*It begins with 'frame,id,x,y'"),
+        (b"frame,id,x,y\n", r"walk has a header, 'frame,id,x,y', and no rows\. Expected a row for each person"),
+        (b"# of a camera\n\nframe\tid\tpos_x [m]\tpos_y [m]", "has a header, .*, and no rows"),
+        (b"a text of one line\n", "is not a table of numbers"),
         (b"frame,id,x\n0,1,2,3,4\n5,1,2,3,4\n", "line 1: the header has 3 columns and the rows have 5"),
     ],
 )
@@ -86,8 +88,13 @@ def test_what_is_no_table(tmp_path, content, message):
 
 
 def test_missing_files_folders_and_other_types(tmp_path):
-    with pytest.raises(DataError, match="there is no file"):
+    with pytest.raises(DataError, match=r"there is no file .*none\.csv\. Check the name and the folder\."):
         read_table(tmp_path / "none.csv")
+    saved(tmp_path, "")
+    with pytest.raises(DataError, match=r"there is no file .*wlak\.csv\. Did you mean `.*walk\.csv`\?$"):
+        read_table(tmp_path / "wlak.csv")
+    with pytest.raises(DataError, match=r"there is no file .*Check the name and the folder\."):
+        read_table(tmp_path / "folder" / "walk.csv")
     with pytest.raises(DataError, match=r"is a folder\. Give a file, or a pattern"):
         read_table(tmp_path)
     with pytest.raises(DataError, match=r"cannot be read|there is no file"):  # by the version of Python

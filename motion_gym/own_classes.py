@@ -1,0 +1,62 @@
+"""What to write for a class of one's own that is named in another form than ``module:Class``."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+from pathlib import Path
+
+CALL = re.compile(r"([\w./]+):+([^\W\d]\w*)(?:,(.*=.*)|\((.*=.*)?\))?", re.DOTALL)
+"""A class whose parameters follow a comma or are in parentheses, or a class after two colons."""
+
+
+def class_hint(name: str) -> str:
+    """Sentence for an unknown name that is a Python file, its module or its class; empty for other names.
+
+    The file is parsed, not run.
+
+    Args:
+        name: ``steady``, ``steady.Damped``, ``steady.py`` or ``steady.py:Damped``.
+    """
+    module, _, class_name = name.partition(":")
+    file = module if module.endswith(".py") else f"{module.replace('.', '/')}.py"
+    dotted, elsewhere = _module_of(file)
+    if class_name:
+        return f" Write `{dotted}:{class_name}`, without .py{elsewhere}." if file == module else ""
+    if os.path.isfile(file):
+        choice = " or ".join(f"`{dotted}:{known}`" for known in _classes_in(file) or ["Class"])
+        return f" {file} is here: write {choice}{elsewhere}."
+    package, _, class_name = module.rpartition(".")
+    file = f"{package.replace('.', '/')}.py"
+    return f" Did you mean `{package}:{class_name}`?" if class_name in _classes_in(file) else ""
+
+
+def call_hint(spec: str) -> str | None:
+    """The spec that is meant by ``steady:Damped,damping=0.9``, ``steady:Damped(damping=0.9)`` or ``steady::Damped``.
+
+    None for other specs.
+    """
+    match = CALL.fullmatch(spec.strip())
+    if match is None:
+        return None
+    parameters = match[3] or match[4]
+    return f"{match[1].removesuffix('.py')}:{match[2]}" + (f":{parameters}" if parameters else "")
+
+
+def _module_of(file: str) -> tuple[str, str]:
+    """The module of a file, and from where to run if it cannot be imported from the working folder."""
+    path, folder = Path(os.path.abspath(file)), Path.cwd()
+    if not path.is_relative_to(folder):
+        return path.stem, f", and run from {path.parent}"
+    missing = "" if path.is_file() else f", and run from the folder that holds {path.name}"
+    return ".".join(path.relative_to(folder).with_suffix("").parts), missing
+
+
+def _classes_in(file: str) -> list[str]:
+    """The public classes of a file; none if the file cannot be read or parsed."""
+    try:
+        nodes = ast.parse(Path(file).read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return []
+    return [node.name for node in nodes if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
