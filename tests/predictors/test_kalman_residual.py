@@ -101,10 +101,10 @@ def test_the_weights_have_not_seen_the_place(eth_ucy):
         predictor = KalmanResidual()
         predictor.choose_weights([mg.domain(place)])
         assert predictor.chosen == f"original/{place.removesuffix('6')}"
-    predictor.choose_weights([mg.domain("orca")])
-    assert predictor.chosen == "original/all"
-    predictor.choose_weights([mg.domain("highway:style=aggressive")])  # each split is simulated anew
-    assert predictor.chosen == "vehicles"
+    simulated = {"orca": "style", "orca:d=0.6,agents=10": "style/crowd", "highway:style=aggressive": "vehicles"}
+    for place, chosen in simulated.items():  # each split is simulated anew
+        predictor.choose_weights([mg.domain(place)])
+        assert predictor.chosen == chosen
     several = KalmanResidual()
     several.choose_weights([mg.domain("hotel"), mg.domain("zara1")])
     assert several.chosen == "original/all"  # every set has seen one of them, and the card declares it
