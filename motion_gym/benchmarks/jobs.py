@@ -69,7 +69,7 @@ class Runner:
         report: Called before each run with the number of finished runs, the number of all runs, and a label.
         missing: Reason for each row with a missing run, by where the row is shown and the row.
         unwritten: Reasons why runs that are shown could not be computed again or written.
-        computed: Number of runs that were computed.
+        computed: Runs that were computed.
     """
 
     store: Store
@@ -79,7 +79,7 @@ class Runner:
     report: Report = lambda done, total, label: None
     missing: dict[tuple[str, ...], str] = field(default_factory=dict)
     unwritten: dict[str, None] = field(default_factory=dict)
-    computed: int = 0
+    computed: list[Run] = field(default_factory=list)
 
     def rows(self, jobs: Sequence[Job]) -> dict[tuple[str, ...], list[Run]]:
         """Compute the missing runs of some jobs, and write each run as soon as it is computed.
@@ -100,7 +100,7 @@ class Runner:
             try:
                 runs = result()
                 self.store.take(runs)
-                self.computed += len(runs)
+                self.computed += runs
                 for computed in runs:
                     stores.write(self.store.folder, computed)
             except MotionGymError as error:
@@ -126,10 +126,14 @@ class Runner:
         for (*where, row), reason in self.missing.items():
             if reason != NOT_REQUESTED:
                 reasons.setdefault(reason, {}).setdefault(row, []).append(", ".join(where))
-        lines, remedies = [], [reason.partition(". ")[2] for reason in reasons]
-        for number, (reason, by_row) in enumerate(reasons.items()):
+        lines: list[str] = []
+        said: set[str] = set()
+        for reason, by_row in reasons.items():
             what, _, remedy = reason.partition(". ")
-            reason = f"{what}." if remedy and remedy in remedies[:number] else reason
+            if remedy in said:
+                reason = f"{what}."
+            elif remedy:
+                said.add(remedy)
             rows = [_with_columns(row, columns) for row, columns in by_row.items()]
             lines.append(f"Not shown: {', '.join(_first(rows, 'rows'))}: {reason}")
         return "\n".join(_first(lines, "messages"))

@@ -51,13 +51,11 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
     jobs += [job for predictor in predictors for job in _drive_jobs(results, predictor, session)]
     parts = {part.title: runs for part, runs in results.parts}
     parts |= {drives.title: runs for drives, runs in results.drives}
-    runner = dataclasses.replace(results.runner, only=None)
-    for (where, column, row), runs in runner.rows(jobs).items():
+    for (where, column, row), runs in dataclasses.replace(results.runner, only=None).rows(jobs).items():
         if where in parts:
             parts[where].extend(runs)
         else:
             results.streams[where, column, row] = runs
-    results.runner.computed = runner.computed
 
 
 def with_stored(name: str, folder: Path | None) -> Results:
@@ -240,12 +238,14 @@ def comparison_tables(results: Results) -> dict[str, Table]:
                 cells += [interval(other, sign=True), p_text(other["p_value"])] if other else ["-"] * 2
             cells += [interval(best, sign=True), p_text(best["p_value"]), Code(best["row"])] if best else ["-"] * 3
             rows.setdefault(title, {})[row, column] = [Code(row), column, *cells]
-    notes = [
+    paired = (
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
-        "than the shipped row",
+        "than the shipped row"
+    )
+    of_windows = (
         "the new row, mean over seeds, against the named seed of the best shipped row; oracles, external programs and "
-        f"rows with more declared leaks than {BASELINE} are left out; rows that read a style from scenes count",
-    ]
+        f"rows with more declared leaks than {BASELINE} are left out; rows that read a style from scenes count"
+    )
     on_stream = "ADE over the whole stream with seed 0; other tables show the mean over seeds, or a part of the stream"
     columns = {
         title: ["method", "on", "ADE [95 %]", *(cell for name in names for cell in (f"vs {name}", "p"))]
@@ -257,7 +257,7 @@ def comparison_tables(results: Results) -> dict[str, Table]:
             f"{title}: beside the shipped rows",
             [*columns[title], *last],
             [*by_column.values()],
-            [on_stream, *notes[:1]] if NONE in others[title] else notes,
+            [on_stream, paired] if NONE in others[title] else [paired, of_windows],
         )
         for title, by_column in rows.items()
     }

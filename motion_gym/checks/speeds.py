@@ -7,13 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from motion_gym.checks.track_measurements import STANDING, Finding, Steps
-from motion_gym.data.tracks.track_files import Reading
+from motion_gym.data.tracks.track_files import METRES, Reading
 
 WALKING = (0.5, 2.0)
 """Metres per second: the usual range of the median speed of people who walk."""
 WALK = 1.3
 """Metres per second at which people walk most of the time."""
-UNITS = {"m": 1.0, "ft": 0.3048, "in": 0.0254, "cm": 0.01, "mm": 0.001}
+UNITS = ("m", "ft", "in", "cm", "mm")
+"""Units that are offered in place of a stated one."""
 VIDEO = (8.0, 130.0)
 """Frames per second of cameras and sensors."""
 SLOWEST = 1.0
@@ -68,7 +69,7 @@ def _median(steps: Steps, factor: float = 1.0) -> float:
 def _options(steps: Steps, rate: float, reading: Reading | None) -> str:
     """The units and rates, other than the stated ones, with which people would walk at a usual speed."""
     read = Reading() if reading is None else reading
-    units = {unit: _median(steps, metres / read.factor) for unit, metres in UNITS.items()}
+    units = {unit: _median(steps, METRES[unit] / read.factor) for unit in UNITS}
     if read.scale is None:
         units.pop(read.unit, None)
     plain = "" if read.scale is None else " without scale"

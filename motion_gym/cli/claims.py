@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
 from motion_gym.benchmarks.claims import claims_page
-from motion_gym.cli.output import Out, console, say
+from motion_gym.cli.output import console, say
 from motion_gym.data.storage import write_atomic
 
 
-def claims(out: Out = None) -> None:
+def claims(out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> None:
     """Show every claim about results and whether it holds, tested on the stored runs.
 
     Args:

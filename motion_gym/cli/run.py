@@ -97,8 +97,8 @@ def run(
     tables = pages.short(results)
     for table in tables:
         console.print(table)
-    if results.runner.computed:
-        say(f"Computed: {results.runner.computed} runs, written to {shown(folder, start)}; the others are stored runs.")
+    if computed := len(results.runner.computed):
+        say(f"Computed: {computed} runs, written to {shown(folder, start)}; the others are stored runs.")
     else:
         say("Stored runs: nothing was computed.")
     if into is not None:

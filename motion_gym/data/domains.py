@@ -228,16 +228,16 @@ def observed_images(domain: Domain, recordings: Sequence[Recording]) -> list[Sce
 
 def spec_of(domain: Domain) -> str:
     """Shortest spec of a domain: without parameters at their defaults, except those its class calls ``headline``."""
-    card = domain if isinstance(domain, RecordedDomain) else domain.card  # the card of files reads the files
+    named = domain if isinstance(domain, RecordedDomain) else domain.card  # the card of files reads the files
     defaults = {name: p.default for name, p in inspect.signature(type(domain)).parameters.items()}
     shown = getattr(type(domain), "headline", ())
-    changed = {k: v for k, v in card.parameters.items() if (k in shown and v is not None) or defaults.get(k) != v}
+    changed = {k: v for k, v in named.parameters.items() if (k in shown and v is not None) or defaults.get(k) != v}
     if isinstance(domain, RecordedDomain):
         for key in [k for k in changed if k not in shown]:
             fewer = {k: v for k, v in changed.items() if k != key}
             if _makes(type(domain), fewer, domain.parameters):
                 changed = fewer
-    return format_spec(card.name, changed)
+    return format_spec(named.name, changed)
 
 
 def _makes(kind: type[RecordedDomain], arguments: Mapping[str, Any], all_of_them: Mapping[str, Any]) -> bool:
