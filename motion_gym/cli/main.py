@@ -7,7 +7,6 @@ import importlib.metadata
 import io
 import os
 import re
-import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -28,6 +27,7 @@ from motion_gym.cli.report import report, serve
 from motion_gym.cli.run import run
 from motion_gym.cli.score import score
 from motion_gym.cli.show import show
+from motion_gym.cli.stopping import Stopped, stop_on_signals
 from motion_gym.cli.train import import_weights, train
 from motion_gym.cli.weights import weights
 from motion_gym.contract import MotionGymError
@@ -61,7 +61,7 @@ RESUMED = ("score", "run", "adapt", "train")
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; errors are shown as one message, with exit status 2."""
     if arguments is None:
-        signal.signal(signal.SIGTERM, _terminated)
+        stop_on_signals()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
         print(f"motion-gym {importlib.metadata.version('motion-gym')}")
@@ -85,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except MotionGymError as error:
         _fail(str(error))
-    except KeyboardInterrupt as stop:
+    except Stopped as stop:
         kept = "--out" in arguments or arguments[0] in ("run", "train")
         go_on = (
             " What is finished is kept, of a training its last checkpoint if it had one: the same command with "
@@ -94,18 +94,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             else ""
         )
         _print(f"Stopped.{go_on if arguments[0] in RESUMED else ''}")
-        sys.exit(128 + (stop.args[0] if stop.args else signal.SIGINT))
+        sys.exit(128 + stop.number)
     except BrokenPipeError:
         os._exit(0)  # the reader of the output has ended
     except Exception as error:
         if os.environ.get("MOTION_GYM_DEBUG"):
             raise
         _fail(f"{type(error).__name__}: {error}. (MOTION_GYM_DEBUG=1 shows where.)")
-
-
-def _terminated(number: int, frame: Any) -> None:
-    """End as Ctrl-C does: processes that were started end, too, and no predictor is blamed."""
-    raise KeyboardInterrupt(number)
 
 
 def _fail(message: str) -> None:

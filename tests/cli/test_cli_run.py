@@ -245,6 +245,26 @@ def test_a_stopped_command_leaves_no_process_behind(folder, line, number, status
             os.kill(number, signal.SIGKILL)
 
 
+DEAF = """
+import ctypes
+import os
+
+class Deaf:
+    # Python cannot raise an exception in this function: C has called it.
+    def predict(self, observation, samples=1, seed=0):
+        ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), NUMBER))()
+        return observation.xy[:, -1:].repeat(12, 1)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_that_a_library_swallows_stops_the_command_all_the_same(folder, number, status):
+    (folder / "deaf.py").write_text(DEAF.replace("NUMBER", str(int(number))))
+    command = [sys.executable, "-m", "motion_gym", "score", "deaf:Deaf", "--domain", "orca"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == status and done.stderr.startswith("Stopped."), done.stderr
+
+
 def living(group):
     """Numbers of the processes of a group, without those that have ended and were not yet noticed."""
     numbers = []
