@@ -116,7 +116,7 @@ results: $(VENV)/.ready
 	cd $(ROOT) && $(BIN)/motion-gym show orca:agents=10,d=0.5,scenes=50 --scene 3 --predictor constant_velocity \
 	  --predictor modular_stgat --out docs/scene.svg
 
-# Measures, and writes bench/RESULTS.md; about four minutes on a quiet machine.
+# Measures, and writes bench/RESULTS.md; about 17 minutes on a quiet machine.
 bench: $(CLIENTS)-ray/.ready
 	cd $(ROOT) && BIN=$(CLIENTS)-ray/bin sh bench/run
 

@@ -25,6 +25,7 @@ __all__ = [
     "domain",
     "format_spec",
     "load_class",
+    "load_object",
     "parse_spec",
     "predictor",
     "suggest",
@@ -112,12 +113,30 @@ def load_class(target: str, kind: str = "object") -> type:
     Raises:
         SpecError: There is no such module or class.
     """
-    module_name, _, class_name = target.partition(":")
+    loaded = load_object(target, kind)
+    if not callable(loaded):
+        raise SpecError(f"`{target}` is a {type(loaded).__name__}, not a class.")
+    return loaded  # type: ignore[no-any-return]
+
+
+def load_object(target: str, kind: str, wanted: type = type) -> Any:
+    """Import ``module:OBJECT``.
+
+    Args:
+        target: The module and the object.
+        kind: What the object is, for messages.
+        wanted: Its type; objects of the module that have it are named if there is no such object.
+
+    Raises:
+        SpecError: There is no such module or object.
+    """
+    module_name, _, name = target.partition(":")
     is_file = module_name.endswith(".py") and os.path.isfile(module_name)
-    if is_file or not all(part.isidentifier() for part in (*module_name.split("."), class_name)):
-        if hint := class_hint(target):
+    if is_file or not all(part.isidentifier() for part in (*module_name.split("."), name)):
+        if hint := class_hint(target, None if wanted is type else wanted.__name__):
             raise SpecError(f"`{target}` is no {kind}.{hint}")
-        raise SpecError(f"`{target}` is no {kind}: write `module:Class`, as in `my_package.my_module:MyClass`.")
+        example = "module:Class`, as in `my_package.my_module:MyClass" if wanted is type else "module:OBJECT"
+        raise SpecError(f"`{target}` is no {kind}: write `{example}`.")
     try:
         module = importlib.import_module(module_name)
     except MotionGymError:
@@ -130,19 +149,16 @@ def load_class(target: str, kind: str = "object") -> type:
             raise SpecError(f"There is no module `{module_name}` for the {kind} `{target}`.{hint}") from None
         if missing in ("torch", "safetensors") and module_name.startswith("motion_gym."):
             raise SpecError(
-                f"The {kind} `{class_name}` needs PyTorch, and {missing} is not installed: "
+                f"The {kind} `{name}` needs PyTorch, and {missing} is not installed: "
                 'pip install "motion-gym[torch]" (from a checkout: pip install ".[torch]").'
             ) from None
         raise SpecError(
             f"Importing `{module_name}` raised {type(error).__name__}: {error}{raised_at(error)}."
         ) from error
-    if not hasattr(module, class_name):
-        classes = [name for name, value in vars(module).items() if inspect.isclass(value)]
-        raise SpecError(f"Module `{module_name}` has no `{class_name}`.{suggest(class_name, classes)}")
-    loaded = getattr(module, class_name)
-    if not callable(loaded):
-        raise SpecError(f"`{target}` is a {type(loaded).__name__}, not a class.")
-    return loaded  # type: ignore[no-any-return]
+    if not hasattr(module, name):
+        others = [other for other, value in vars(module).items() if isinstance(value, wanted)]
+        raise SpecError(f"Module `{module_name}` has no `{name}`.{suggest(name, others)}")
+    return getattr(module, name)
 
 
 @dataclass(frozen=True)

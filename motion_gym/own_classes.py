@@ -7,17 +7,18 @@ import os
 import re
 from pathlib import Path
 
-CALL = re.compile(r"([\w./]+):+([^\W\d]\w*)(?:,(.*=.*)|\((.*=.*)?\))?", re.DOTALL)
-"""A class whose parameters follow a comma or are in parentheses, or a class after two colons."""
+CALL = re.compile(r"([\w./]+):+([A-Z]\w*)(?:,(.*=.*)|\((.*=.*)?\))?", re.DOTALL)
+"""A class, in capitals, whose parameters follow a comma or are in parentheses, or a class after two colons."""
 
 
-def class_hint(name: str) -> str:
+def class_hint(name: str, made_by: str | None = None) -> str:
     """Sentence for an unknown name that is a Python file, its module or its class; empty for other names.
 
     The file is parsed, not run.
 
     Args:
         name: ``steady``, ``steady.Damped``, ``steady.py`` or ``steady.py:Damped``.
+        made_by: Class of the object that is looked for; None for a class itself.
     """
     module, _, class_name = name.partition(":")
     file = module if module.endswith(".py") else f"{module.replace('.', '/')}.py"
@@ -25,11 +26,13 @@ def class_hint(name: str) -> str:
     if class_name:
         return f" Write `{dotted}:{class_name}`, without .py{elsewhere}." if file == module else ""
     if os.path.isfile(file):
-        choice = " or ".join(f"`{dotted}:{known}`" for known in _classes_in(file) or ["Class"])
+        choice = " or ".join(
+            f"`{dotted}:{known}`" for known in _names_in(file, made_by) or ["OBJECT" if made_by else "Class"]
+        )
         return f" {file} is here: write {choice}{elsewhere}."
     package, _, class_name = module.rpartition(".")
     file = f"{package.replace('.', '/')}.py"
-    return f" Did you mean `{package}:{class_name}`?" if class_name in _classes_in(file) else ""
+    return f" Did you mean `{package}:{class_name}`?" if class_name in _names_in(file, made_by) else ""
 
 
 def call_hint(spec: str) -> str | None:
@@ -53,10 +56,15 @@ def _module_of(file: str) -> tuple[str, str]:
     return ".".join(path.relative_to(folder).with_suffix("").parts), missing
 
 
-def _classes_in(file: str) -> list[str]:
-    """The public classes of a file; none if the file cannot be read or parsed."""
+def _names_in(file: str, made_by: str | None) -> list[str]:
+    """The public classes of a file, or its objects of a class; none if the file cannot be read or parsed."""
     try:
         nodes = ast.parse(Path(file).read_bytes()).body
     except (OSError, SyntaxError, ValueError):
         return []
-    return [node.name for node in nodes if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
+    names = [node.name for node in nodes if isinstance(node, ast.ClassDef)]
+    if made_by:
+        made = (node for node in nodes if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call))
+        calls = ((node.targets[0], ast.unparse(node.value.func)) for node in made)
+        names = [ast.unparse(target) for target, function in calls if function.rpartition(".")[2] == made_by]
+    return [name for name in names if not name.startswith("_")]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +29,7 @@ from motion_gym.benchmarks.jobs import (
 from motion_gym.benchmarks.objects import BASELINE, NONE, ORACLE, Benchmark, Part, Report
 from motion_gym.benchmarks.store import Run, Store
 from motion_gym.contract import SpecError
+from motion_gym.own_classes import class_hint
 
 BENCHMARKS: Mapping[str, str] = {
     "spurious": "motion_gym.benchmarks.definitions.places:SPURIOUS",
@@ -104,16 +104,9 @@ def benchmark(name: str | Benchmark) -> Benchmark:
     if isinstance(name, Benchmark):
         return name
     if name not in BENCHMARKS and ":" not in name:
-        raise SpecError(
-            f"There is no benchmark `{name}`.{catalog.suggest(name, BENCHMARKS)} Your own: `module:OBJECT`."
-        )
-    module, _, attribute = BENCHMARKS.get(name, name).partition(":")
-    try:
-        value = getattr(import_module(module), attribute)
-    except ModuleNotFoundError as error:
-        raise SpecError(f"There is no module `{error.name}` for the benchmark `{name}`: run from its folder.") from None
-    except AttributeError:
-        raise SpecError(f"Module `{module}` has no `{attribute}`: name a Benchmark that it defines.") from None
+        hint = class_hint(name, Benchmark.__name__) or f"{catalog.suggest(name, BENCHMARKS)} Your own: `module:OBJECT`."
+        raise SpecError(f"There is no benchmark `{name}`.{hint}")
+    value = catalog.load_object(BENCHMARKS.get(name, name), "benchmark", Benchmark)
     if callable(value):
         value = value()
     if not isinstance(value, Benchmark):

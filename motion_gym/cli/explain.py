@@ -34,7 +34,8 @@ def explanations(name: str) -> list[dict[str, str]]:
     """Kind, name, signature and description of everything that has a name.
 
     Args:
-        name: Domain, predictor, adapter, benchmark, protocol, metric or data set; or ``module:Class``.
+        name: Domain, predictor, adapter, benchmark, protocol, metric or data set; or ``module:Class``, or a benchmark
+            ``module:OBJECT``.
 
     Raises:
         SpecError: nothing has the name.
@@ -51,8 +52,12 @@ def explanations(name: str) -> list[dict[str, str]]:
 def _classes(name: str) -> Iterator[tuple[str, str, str, str]]:
     target, _ = catalog.parse_spec(name)
     if ":" in target:
-        loaded = catalog.load_class(target)
-        yield "class", name, signature(loaded), documentation(loaded)
+        loaded = catalog.load_object(target, "object")
+        if isinstance(loaded, Benchmark):
+            yield "benchmark", name, "", _described(loaded, name)
+        else:
+            loaded = catalog.load_class(target)
+            yield "class", name, signature(loaded), documentation(loaded)
     entries = {kind: table[target] for kind, table in CLASSES.items() if target in table}
     for entry in {id(entry): entry for entry in entries.values()}.values():
         kinds = " and ".join(kind for kind, other in entries.items() if other is entry)
@@ -62,7 +67,7 @@ def _classes(name: str) -> Iterator[tuple[str, str, str, str]]:
 
 def _others(name: str) -> Iterator[tuple[str, str, str, str]]:
     if name in BENCHMARKS:
-        yield "benchmark", name, "", _described(benchmark(name))
+        yield "benchmark", name, "", _described(benchmark(name), name)
     if name in PROTOCOLS:
         yield "protocol", name, "", f"{PROTOCOLS[name]}\n\nmotion-gym score PREDICTOR --domain DOMAIN --protocol {name}"
     for metric in METRICS:
@@ -128,7 +133,7 @@ def _class_of(kind: type, name: str) -> type | None:
     return parents.get(name) or getattr(sys.modules[kind.__module__], name, None)
 
 
-def _described(shown: Benchmark) -> str:
+def _described(shown: Benchmark, name: str) -> str:
     """The tables of a benchmark, with their columns and rows."""
     tables: list[tuple[str, Sequence[str], Sequence[str]]] = [
         (part.title, [*part.domains], [*part.plain, *part.trained, *(row.name for row in part.external)])
@@ -136,7 +141,7 @@ def _described(shown: Benchmark) -> str:
     ]
     tables += [(shifts.title, [*shifts.streams], shifts.all_rows()) for shifts in shown.shifts.values()]
     tables += [(drives.title, [*drives.domains], drives.rows()) for drives in shown.drives]
-    lines = [shown.title, f"`motion-gym run {shown.name}` prints the main table, with `--out FOLDER` it writes all."]
+    lines = [shown.title, f"`motion-gym run {name}` prints the main table, with `--out FOLDER` it writes all."]
     for title, columns, rows in tables:
         texts = (f"columns: {', '.join(columns)}", f"rows: {', '.join(rows)}")
         lines.append("\n".join([title, *(_wrapped(text, " " * 4, " " * 8) for text in texts)]))

@@ -179,11 +179,20 @@ def test_an_adapter_of_a_user_stands_among_those_that_ship(capsys, folder):
     assert compared["none"]["mean"] == 0 and "vs none" in out
 
 
+def test_a_benchmark_of_ones_own_is_explained(capsys):
+    out = call(capsys, "ls own_rows_here:SMALL")
+    assert out.startswith("benchmark own_rows_here:SMALL\n\nA small benchmark of a user\n\n`motion-gym run own_rows")
+    assert "    columns: 0.1, 0.6\n    rows: constant_velocity, linear\n" in out
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         ("run spurios", "There is no benchmark `spurios`. Did you mean `spurious`?"),
         ("run own_rows_here:Steady", "make it a motion_gym.benchmarks.objects.Benchmark"),
+        ("run own_rows_here:SMAL", "`own_rows_here` has no `SMAL`. Did you mean `SMALL`?"),
+        ("run own_rows_here", "own_rows_here.py is here: write `own_rows_here:SMALL` or `own_rows_here:STREAMS`."),
+        ("run own_rows_here.py:SMALL", "Write `own_rows_here:SMALL`, without .py."),
         ("run nowhere:SMALL", "There is no module `nowhere`"),
         ("run style --only modula", "style has no row `modula`. Did you mean `modular`?"),
         ("run style --shift alpha", "style has no shift `alpha`"),

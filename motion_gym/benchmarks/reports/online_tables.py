@@ -83,7 +83,7 @@ def stream_table(title: str, rows: Rows, settings: Mapping[str, str] | None = No
     notes = [*stream_notes(everything), *(f"{name}: {text}" for name, text in LEGEND.items() if name in shown)]
     if len(everything[0]["segments"]) > 1 and ORACLE not in rows:
         notes.append("no oracle was named, so that there is no gain")
-    return Table(title, ["method", *shown], table, notes, f"ADE, {unit_of(everything)}, k = 1")
+    return Table(title, ["method", *shown], table, notes, f"ADE, {unit_of(everything)}, k = 1; lower is better")
 
 
 def _adaptation(results: Sequence[Result], rows: Rows) -> dict[str, str]:
@@ -184,7 +184,7 @@ def regret_table(titles: Mapping[str, str], runs: Mapping[tuple[str, str, str], 
         "seeds 0 to 9 of the stream, with the weights of seeds 0 to 4",
     ]
     head = ["stream", "method", "ADE", "best expert", "regret", "worst seed", f"within {100 * REGRET:.0f} %"]
-    caption = "ADE and regret against the best fixed expert in hindsight, k = 1"
+    caption = "ADE and regret against the best fixed expert in hindsight, k = 1; lower is better"
     return Table("Regret", [*head, "which expert (seeds)"], rows, notes, caption)
 
 
@@ -207,7 +207,10 @@ def milestones_table(title: str, rows: Rows) -> Table:
     table = [
         [Code(row), *(spread(at) if at else "-" for at in _at_milestones(rs).values())] for row, rs in rows.items()
     ]
-    caption = f"ADE, {unit_of(everything)}, over the last {TRAIL} forecasts after so many have matured since the shift"
+    caption = (
+        f"ADE, {unit_of(everything)}, over the last {TRAIL} forecasts after so many have matured since the shift; "
+        "lower is better"
+    )
     return Table(title, ["method", *map(str, MILESTONES)], table, [measured(everything)], caption)
 
 
@@ -231,7 +234,7 @@ def summary_table(titles: Mapping[str, str], sudden: Mapping[str, Rows]) -> Tabl
     together = [result for results in everything.values() for result in results]
     notes = [f"{title}: {stream_notes(everything[name])[0]}" for name, title in titles.items()]
     notes += [SEEDS, f"gain: {LEGEND['gain']}", "settings were chosen on another shift, on frames that are not scored"]
-    caption = f"ADE, {unit_of(together)}, k = 1 (adaptation gain)"
+    caption = f"ADE, {unit_of(together)}, k = 1 (adaptation gain); lower is better"
     return Table("After a sudden shift", ["method", *titles.values()], table, notes, caption)
 
 

@@ -68,7 +68,7 @@ def by_place(parts: Parts) -> Table:
     notes += [f"means over {'; or '.join(who)}; agent-windows / agents / scenes: {', '.join(counts)}"]
     notes += dict.fromkeys(note for part, results in parts for note in further_notes(part, results))
     title = "Original ETH-UCY, no noise feature, trained on the other places"
-    return Table(title, ["method", *places], rows, notes, f"ADE / FDE, {unit_of(everything)}, k = 1")
+    return Table(title, ["method", *places], rows, notes, f"ADE / FDE, {unit_of(everything)}, k = 1; lower is better")
 
 
 def original_hotel(parts: Parts) -> Table:

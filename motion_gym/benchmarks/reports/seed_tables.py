@@ -73,7 +73,7 @@ def _table(
         seeds = max(len(values) for (name, _), values in errors[0].items() if name == row)
         rows.append([Code(row), *cells, str(seeds) if seeds > 1 else "-"])
     unit = unit_of(results)
-    caption = f"{' / '.join(metrics)} ({samples}), {unit}" if len(metrics) > 1 else f"{metrics[0]}, {unit}, {samples}"
+    caption = f"{' / '.join(metrics)}, {unit}, {samples}; lower is better"
     return Table(title, ["method", *columns, "seeds"], rows, notes, caption)
 
 
