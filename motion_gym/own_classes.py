@@ -64,7 +64,7 @@ def _names_in(file: str, made_by: str | None) -> list[str]:
         return []
     names = [node.name for node in nodes if isinstance(node, ast.ClassDef)]
     if made_by:
-        made = (node for node in nodes if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call))
-        calls = ((node.targets[0], ast.unparse(node.value.func)) for node in made)
-        names = [ast.unparse(target) for target, function in calls if function.rpartition(".")[2] == made_by]
+        made = ((node.targets[0], node.value) for node in nodes if isinstance(node, ast.Assign))
+        calls = ((target, value.func) for target, value in made if isinstance(value, ast.Call))
+        names = [ast.unparse(target) for target, maker in calls if ast.unparse(maker).rpartition(".")[2] == made_by]
     return [name for name in names if not name.startswith("_")]
