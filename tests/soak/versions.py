@@ -1,7 +1,8 @@
 """Numerical tests under other versions of Python and of the libraries, and with one and two threads.
 
 ``python -m tests.soak.versions PAGE PYTHON [PYTHON ...]`` runs the tests below with each interpreter, which has
-motion-gym, pytest and hypothesis, and writes a row for each into a block of the page. Tests of networks need PyTorch.
+motion-gym, pytest and hypothesis, and writes a row for each into a block of the page, beside the rows of other
+interpreters that are there. Tests of networks need PyTorch.
 """
 
 from __future__ import annotations
@@ -58,6 +59,8 @@ def row(python: str, threads: int) -> list[str]:
 
 if __name__ == "__main__":
     page, *pythons = sys.argv[1:]
+    (block,) = re.findall(r"<!-- results: versions -->(.*?)<!-- results end -->", Path(page).read_text(), re.DOTALL)
+    before = [re.findall(r"[^|\s]+", line) for line in block.splitlines() if line.startswith("| 3")]
     columns = [
         "Python",
         "NumPy",
@@ -73,4 +76,5 @@ if __name__ == "__main__":
     rows: list[list[str]] = []
     for python, threads in itertools.product(pythons, (1, 2)):
         rows.append(row(python, threads))
-        insert(Path(page), "versions", Table("", columns, rows).markdown())
+        others = [cells for cells in before if cells[0] not in {cells[0] for cells in rows}]
+        insert(Path(page), "versions", Table("", columns, [*others, *rows]).markdown())

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import motion_gym
 from motion_gym.contract import DataError, Forecast, Recording
-from motion_gym.data.windows import pick_scenes, positions_only
 from motion_gym.metrics.errors import ade
 from motion_gym.stepping.clocks import Step, WindowsClock
 from motion_gym.stepping.harness import ask
@@ -324,20 +323,3 @@ def test_matured_forecasts_of_a_real_stream_score_as_offline(eth_ucy, place):
     paper = motion_gym.domain(place).windows("test")
     paired = np.diff(truth.observation.scene)[truth.observation.scene_index] >= 2
     np.testing.assert_array_equal(offline[paired], ade(ask(predictor, paper.observation), paper))
-
-
-def test_features_of_a_stream_are_those_of_its_windows():
-    rng = np.random.default_rng(0)
-    frame, agent = np.divmod(np.arange(90), 2)
-    place = Recording(frame, agent, rng.normal(size=(90, 2)), 0.4)
-
-    def speeds(positions, known):
-        speed = np.linalg.norm(np.diff(positions[:, :8], axis=1, prepend=positions[:, :1]), axis=2, keepdims=True)
-        return np.concatenate([positions_only(positions, known), speed], axis=2)
-
-    ledger = play(StreamClock([place], speeds)).ledger
-    truth = windows_of([place], speeds)
-    np.testing.assert_array_equal(ledger.matured_only()[1].observation.history, truth.observation.history)
-    np.testing.assert_array_equal(
-        pick_scenes(truth, [0]).observation.history, StreamClock([place], speeds).reset().observation.history
-    )
