@@ -1,5 +1,6 @@
 """Encounters, and the side on which agents pass."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -30,8 +31,9 @@ def test_an_agent_with_the_other_on_its_left_passes_on_the_right(north, right):
         one = encounters(recording_of(first, second))
         assert one.right.tolist() == [right] and one.agents.tolist() == [[0, 1]]
         assert one.distance == pytest.approx([0.5])
-        on_right, distance = passed(np.stack([first, second])[None])
-        assert on_right.tolist() == [right] and distance == pytest.approx([0.5])
+        later = np.add(second, 2 * (second[0] - second[1]))
+        on_right, distance = passed(np.array([[first, second], [first, later]]))
+        assert on_right.tolist() == [right, right] and distance == pytest.approx([0.5, 0.5])
     assert encounters(recording_of(EAST, west), downwards=True).right.tolist() == [not right]
 
 
@@ -99,6 +101,9 @@ def test_encounters_are_those_of_the_definition(recording):
     ]
     np.testing.assert_allclose(computed.distance, [each[3] for each in expected])
     assert computed.period.tolist() == [each[4] for each in expected] and computed.period.dtype == np.int64
+    in_image = dataclasses.replace(recording, xy=recording.xy * (1, -1))
+    for ours, theirs in zip(computed, encounters(in_image, downwards=True), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_simulated_crowds_pass_on_their_side():
