@@ -113,7 +113,8 @@ class KalmanResidual(Weighted):
     def _inputs_of(self, observation: Observation) -> tuple[Inputs, np.ndarray]:
         """Inputs of all agents, and their last observed positions [A, 1, 2], metres."""
         xy = observation.xy.astype(np.float64)
-        return self.inputs(xy, observation.dt, nearest_neighbours(xy[:, -1], observation.scene)), xy[:, -1:]
+        reach = self.card.get("training", {}).get("reach")  # as in training
+        return self.inputs(xy, observation.dt, nearest_neighbours(xy[:, -1], observation.scene, reach)), xy[:, -1:]
 
 
 def _tensors(inputs: Inputs) -> tuple[Tensor, Tensor, Tensor]:

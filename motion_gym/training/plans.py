@@ -94,8 +94,8 @@ def trainings() -> dict[str, Training]:
     plans["paper/eth"] = Training("eth:alpha=1", recordings, {"epochs": (150, 100, 150)})
     joined = {"epochs": (300, 200, 300), "joint": True, "scenes": 16 * 7, "until": "shortest"}
     plans["paper/hotel"] = Training("hotel", recordings, joined)
-    # Simulated tracks have no noise.
-    exact = {"kalman_residual": {"noise": 0.0, "scale": 0.0}}
+    # Simulated tracks have no noise, and are scored among the same neighbours as in training.
+    exact = {"kalman_residual": {"noise": 0.0, "scale": 0.0, "reach": None, "fast": 0.0, "hidden": 0.0}}
     plans["style"] = Training("orca:d=0.4", further=exact)
     plans["style/held_out"] = Training("orca:d=0.5", {"styles": (0.1, 0.3)})
     plans["style/crowd"] = Training("orca:agents=10,d=0.4,scenes=1000", further={"erm_no_sigma": joint, **exact})

@@ -47,12 +47,13 @@ class Inputs:
     turn: np.ndarray
 
 
-def nearest_neighbours(last: np.ndarray, scene: np.ndarray) -> np.ndarray:
+def nearest_neighbours(last: np.ndarray, scene: np.ndarray, reach: float | None = None) -> np.ndarray:
     """The nearest agents of the same scene, nearest first: [A, 6] int64 indices, -1 where there is none.
 
     Args:
         last: [A, 2] last observed positions.
         scene: [S + 1] agents of scene s are scene[s] to scene[s + 1].
+        reach: Largest distance of a neighbour, metres; None for any.
     """
     size = np.diff(scene)
     each = np.repeat(size, size)  # agents in the scene of each agent
@@ -60,7 +61,10 @@ def nearest_neighbours(last: np.ndarray, scene: np.ndarray) -> np.ndarray:
     start = np.repeat(np.repeat(scene[:-1], size), each)
     other = start + np.arange(len(one)) - np.repeat(np.cumsum(each) - each, each)
     one, other = one[one != other], other[one != other]
-    order = np.lexsort((other, ((last[one] - last[other]) ** 2).sum(axis=-1), one))
+    square = ((last[one] - last[other]) ** 2).sum(axis=-1)
+    order = np.lexsort((other, square, one))
+    if reach is not None:
+        order = order[square[order] <= reach**2]
     one, other = one[order], other[order]
     rank = np.arange(len(one)) - np.searchsorted(one, one)
     nearest = np.full((len(last), NEAREST), -1)

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from motion_gym.contract import FUTURE, Truth
 from motion_gym.predictors.networks import residual_network
-from motion_gym.predictors.networks.filter_features import Inputs, nearest_neighbours
-from motion_gym.predictors.settings import boolean
+from motion_gym.predictors.networks.filter_features import NEAREST, Inputs, nearest_neighbours
+from motion_gym.predictors.settings import boolean, optional, positive
 from motion_gym.specs import number, whole_number
 from motion_gym.training.program import Program, Stage, Weights, check_complete, check_epochs, digests
 
@@ -21,6 +21,8 @@ DISTURBED = 0.75
 """Share of the scenes whose histories are disturbed by noise."""
 BALANCE = 0.5
 """An environment with n agents is drawn in proportion to n to this power."""
+FASTEST = 5.0
+"""Largest factor of a scene that is enlarged."""
 JITTER = 1e-3
 """Added to the diagonal of a correlation matrix before it is factored."""
 
@@ -30,8 +32,10 @@ class ResidualProgram(Program):
 
     In each epoch every scene is scaled by a random factor and mirrored with probability 1/2. With probability 3/4 its
     histories are disturbed by white noise of a random standard deviation, so that the network meets places whose
-    annotation is noisier than that of the training places. The loss is the mean Euclidean distance, plus the negative
-    log-likelihood of the remaining error under independent Gaussians, which trains only the spread.
+    annotation is noisier than that of the training places. Neighbours of some agents are hidden, so that it meets
+    people who walk alone, who are rare in complete windows, and some scenes are enlarged up to five times, so that it
+    meets runners and cyclists. The loss is the mean Euclidean distance, in an enlarged scene divided by its factor,
+    plus the negative log-likelihood of the remaining error under independent Gaussians, which trains only the spread.
 
     Args:
         predictor: A ``KalmanResidual``.
@@ -43,6 +47,9 @@ class ResidualProgram(Program):
         batch: Agents of a step.
         noise: Largest standard deviation of the noise, metres.
         scale: Largest absolute logarithm of the factor of a scene.
+        reach: Distance within which an agent is a neighbour, metres, in training and later; None for any distance.
+        fast: Share of scenes that are enlarged.
+        hidden: Share of agents who see only their n nearest neighbours, for a random n from 0 to 5.
         squared: Train on the mean squared distance in place of the mean distance.
 
     Raises:
@@ -62,15 +69,20 @@ class ResidualProgram(Program):
         batch: int = 512,
         noise: float = 0.08,
         scale: float = 0.3,
+        reach: float | None = 10.0,
+        fast: float = 0.15,
+        hidden: float = 0.4,
         squared: bool = False,
     ):
         check_complete(train, validation)
         (count,) = check_epochs(predictor.name, epochs, 1)
         self.batch = whole_number("batch", batch, 1, 10**9)
         self.noise, self.scale = number("noise", noise), number("scale", scale)
+        self.reach = optional(positive)("reach", reach)
+        self.fast, self.hidden = number("fast", fast, most=1), number("hidden", hidden, most=1)
         self.inputs, self.squared = predictor.inputs, boolean("squared", squared)
         self.device, self.train = device, list(train)
-        self.nearest = [nearest_neighbours(t.observation.xy[:, -1], t.observation.scene) for t in train]
+        self.nearest = [nearest_neighbours(t.observation.xy[:, -1], t.observation.scene, self.reach) for t in train]
         shares = np.array([len(truth.observation) for truth in train]) ** BALANCE
         total = whole_number("agents", agents, 1, 10**9)
         self.drawn = [max(1, round(total * share)) for share in shares / shares.sum()]
@@ -86,6 +98,9 @@ class ResidualProgram(Program):
             "batch": batch,
             "noise": noise,
             "scale": scale,
+            **({} if reach is None else {"reach": reach}),
+            **({"fast": fast} if fast else {}),
+            **({"hidden": hidden} if hidden else {}),
             **({"squared": True} if squared else {}),
             **digests(train, validation),
         }
@@ -100,7 +115,7 @@ class ResidualProgram(Program):
         """Losses [M] of the steps of an epoch; all models see the same copies of the scenes."""
         rng = np.random.default_rng([epoch, len(self.train)])
         parts = [self._copies(number, rng) for number in range(len(self.train))]
-        own, others, there, target = (torch.cat(values) for values in zip(*parts, strict=True))
+        own, others, there, target, share = (torch.cat(values) for values in zip(*parts, strict=True))
         order = torch.from_numpy(rng.permutation(len(target))).to(self.device)
         for index in order.split(self.batch):
             offsets, spread = residual_network.residual(own[index], others[index], there[index], weights)
@@ -108,7 +123,7 @@ class ResidualProgram(Program):
             distance = off.square().sum(dim=-1).add(1e-10)
             distance = distance if self.squared else distance.sqrt()
             likelihood = (spread + (off.detach() / spread.exp()).square() / 2).sum(dim=-1)
-            yield (distance + 0.1 * likelihood).mean(dim=(1, 2))
+            yield (distance * share[index] + 0.1 * likelihood).mean(dim=(1, 2))
 
     def validate(self, weights: Weights, generators: Sequence[torch.Generator]) -> Tensor:
         """ADE [M], metres, mean over the agent-windows of all environments."""
@@ -132,10 +147,12 @@ class ResidualProgram(Program):
         return {**weights, "correlation.factor": torch.linalg.cholesky(correlation).float()}
 
     def _copies(self, number: int, rng: np.random.Generator) -> tuple[Tensor, ...]:
-        """Inputs and target of random agents of an environment, in disturbed copies of its scenes."""
+        """Inputs, target and share in the loss of random agents of an environment, in disturbed copies of its scenes."""
         truth, scenes = self.train[number], self.train[number].observation.scenes
         each = truth.observation.scene_index
         factor = np.exp(rng.uniform(-self.scale, self.scale, scenes))
+        larger = rng.random(scenes) < self.fast if self.fast else np.zeros(scenes, bool)
+        factor = np.where(larger, FASTEST ** rng.random(scenes), factor) if self.fast else factor
         mirror = np.where(rng.random(scenes) < 0.5, -1.0, 1.0)
         strength = rng.uniform(0, self.noise, scenes) * (rng.random(scenes) < DISTURBED)
         xy, future = _plain(truth)[:2]
@@ -143,12 +160,18 @@ class ResidualProgram(Program):
         xy = xy * stretch + rng.normal(size=xy.shape) * strength[each][:, None, None]
         agents = len(xy)
         chosen = rng.choice(agents, self.drawn[number], replace=self.drawn[number] > agents)
-        inputs = self.inputs(xy, truth.observation.dt, self.nearest[number], chosen)
-        return self._as_tensors(inputs, (future * stretch)[chosen] - xy[chosen, -1:])
+        nearest = self.nearest[number]
+        if self.hidden:
+            seen = np.where(rng.random(agents) < self.hidden, rng.integers(0, NEAREST, agents), NEAREST)
+            nearest = np.where(np.arange(NEAREST) < seen[:, None], nearest, -1)
+        inputs = self.inputs(xy, truth.observation.dt, nearest, chosen)
+        parts = self._as_tensors(inputs, (future * stretch)[chosen] - xy[chosen, -1:])
+        share = torch.tensor(np.where(larger, 1 / factor, 1.0)[each][chosen, None], dtype=torch.float32)
+        return (*parts, share.to(self.device))
 
     def _tensors(self, xy: np.ndarray, future: np.ndarray, scene: np.ndarray, dt: float) -> tuple[Tensor, ...]:
         """Inputs and target of all agents."""
-        return self._as_tensors(self.inputs(xy, dt, nearest_neighbours(xy[:, -1], scene)), future - xy[:, -1:])
+        return self._as_tensors(self.inputs(xy, dt, nearest_neighbours(xy[:, -1], scene, self.reach)), future - xy[:, -1:])
 
     def _as_tensors(self, inputs: Inputs, offsets: np.ndarray) -> tuple[Tensor, ...]:
         """Inputs, and the offsets [A, 12, 2] that the filters leave, in the frame of the agents."""
