@@ -137,6 +137,8 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "without the frame of the agent": {"settings": {"heading": False}},
     "without noise in training": {"options": {"noise": 0.0}},
     "without scaling in training": {"options": {"scale": 0.0}},
+    "without fast people in training": {"options": {"fast": 0.0}},
+    "neighbours at any distance, none hidden": {"options": {"reach": None, "hidden": 0.0}},
     "squared loss": {"options": {"squared": True}},
 }
 """Settings of the predictor and options of its training, by variant of the ablation."""
