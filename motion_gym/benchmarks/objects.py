@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from motion_gym import catalog
+from motion_gym.benchmarks.definition_checks import check_benchmark, check_part
 from motion_gym.benchmarks.identity import facts_of, shipped_card, stream_identity, windows_identity
 from motion_gym.benchmarks.row_specs import domain, name_of_stream, of_seed, with_parameters
 from motion_gym.contract import SpecError
@@ -83,6 +84,9 @@ class Part:
     shots: Mapping[str, int] = field(default_factory=dict)
     samples: int = SAMPLES
     external: Sequence[External] = ()
+
+    def __post_init__(self) -> None:
+        check_part(self)
 
     def runs(self) -> Iterator[tuple[str, str]]:
         """Predictor and column of every run; SpecError if the weights of a trained row do not ship."""
@@ -316,9 +320,7 @@ class Benchmark:
     short: Sequence[int] = (0,)
 
     def __post_init__(self) -> None:
-        titles = [part.title for part in self.parts]
-        if len(set(titles)) < len(titles):
-            raise SpecError(f"Two parts of the benchmark `{self.name}` have the same title: give each its own.")
+        check_benchmark(self, {"parts": Part, "studies": Study, "claims": Claim})
 
     def run(self, *predictors: Any, folder: str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """Compute the runs that are missing, and score a user's predictors on every column.

@@ -111,6 +111,8 @@ def benchmark(name: str | Benchmark) -> Benchmark:
         value = value()
     if not isinstance(value, Benchmark):
         raise SpecError(f"`{name}` is a {type(value).__name__}: make it a motion_gym.benchmarks.objects.Benchmark.")
+    if name not in BENCHMARKS and value.name in BENCHMARKS:
+        raise SpecError(f"`{name}` has the name `{value.name}` of a shipped benchmark: give it another name.")
     return value
 
 

@@ -73,6 +73,10 @@ def _parsed(content: Callable[[], bytes]) -> Any:
         return error
 
 
+MEASURED = {"provenance", "seconds", "peak_memory", "realtime", "cost", "update_seconds", "tick_seconds"}
+"""Keys whose values differ where a run is computed again."""
+
+
 def validate(
     runs: Sequence[Any], recompute: int = 3, seed: int = 0, report: Report = lambda done, total, label: None
 ) -> list[Finding]:
@@ -95,12 +99,12 @@ def validate(
             findings.append(Finding(_name(run) or f"run {number}", MISMATCH, problem))
         else:
             sound.append(run)
-    asked: dict[str, int] = {}
-    for number, run in enumerate(sound, 1):
-        key = question(run["identity"])
-        if key in asked and run["identity"].get("session") == sound[asked[key] - 1]["identity"].get("session"):
-            findings.append(Finding(_name(run), MISMATCH, "the same run is there twice"))
-        asked[key] = number
+    asked: dict[str, Any] = {}
+    for run in sound:
+        identity = run["identity"]
+        first = asked.setdefault(f"{question(identity)} {identity.get('session')}", run)
+        if any(first.get(key) != run.get(key) for key in {*first, *run} - MEASURED):
+            findings.append(Finding(_name(run), MISMATCH, "the same run is there twice, with other values"))
     findings += [finding for run in sound for finding in _compare_identity(run)]
     own = [run for run in sound if _is_own(run)]
     if own:

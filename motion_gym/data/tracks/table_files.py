@@ -130,6 +130,8 @@ def _decoded(path: Path, content: bytes) -> tuple[str, str]:
         raise DataError(f"{path} is empty. Expected a row for each person and frame: frame id x y.")
     if CONTROL.search(text):
         archive = " It is a zip archive: unpack it." if content.startswith(b"PK\x03\x04") else ""
+        if str(path).lower().endswith((".xlsx", ".xlsm", ".xls", ".ods")):
+            archive = " It is a spreadsheet: export it as csv."
         wide = " If it is UTF-16 text, save it with a byte order mark, or as UTF-8." if b"\x00" in content else ""
         raise DataError(
             f"{path} is binary, not text.{archive or wide} Give a text file, as csv, or a Parquet file: a row for each "
