@@ -29,8 +29,9 @@ class KalmanResidual(Weighted):
     The network is given the observed steps, how the filters are weighted, and the six nearest neighbours, all in the
     frame of the agent; with weights of real places, neighbours are those within 10 m. It is trained on histories that
     are disturbed by noise of a random strength, so that it learns how far to trust an observation from the weights of
-    the filters, and on people who walk alone or fast, who are rare in the training windows. The forecast is the mean of those of the scene and
-    of its mirror image, hence equivariant to rotations, translations, mirroring and the order of agents.
+    the filters, and on people who walk alone or fast, who are rare in the training windows. The forecast is the mean of
+    those of the scene and of its mirror image, hence equivariant to rotations, translations, mirroring and the order of
+    agents.
 
     The first sample is the forecast. The further samples are drawn around it, for each agent independently, from a
     Gaussian whose standard deviations the network gives and whose correlation between steps was measured in training.

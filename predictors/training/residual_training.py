@@ -147,7 +147,7 @@ class ResidualProgram(Program):
         return {**weights, "correlation.factor": torch.linalg.cholesky(correlation).float()}
 
     def _copies(self, number: int, rng: np.random.Generator) -> tuple[Tensor, ...]:
-        """Inputs, target and share in the loss of random agents of an environment, in disturbed copies of its scenes."""
+        """Inputs, target and share in the loss of random agents of an environment, in changed copies of its scenes."""
         truth, scenes = self.train[number], self.train[number].observation.scenes
         each = truth.observation.scene_index
         factor = np.exp(rng.uniform(-self.scale, self.scale, scenes))
@@ -171,7 +171,9 @@ class ResidualProgram(Program):
 
     def _tensors(self, xy: np.ndarray, future: np.ndarray, scene: np.ndarray, dt: float) -> tuple[Tensor, ...]:
         """Inputs and target of all agents."""
-        return self._as_tensors(self.inputs(xy, dt, nearest_neighbours(xy[:, -1], scene, self.reach)), future - xy[:, -1:])
+        return self._as_tensors(
+            self.inputs(xy, dt, nearest_neighbours(xy[:, -1], scene, self.reach)), future - xy[:, -1:]
+        )
 
     def _as_tensors(self, inputs: Inputs, offsets: np.ndarray) -> tuple[Tensor, ...]:
         """Inputs, and the offsets [A, 12, 2] that the filters leave, in the frame of the agents."""
