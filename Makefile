@@ -106,7 +106,7 @@ check: $(VENV)/.ready
 # The stored runs, the tables and the figures of all benchmarks, from scratch: about four hours on two cores. `sdd` and
 # `sdd_style` need the weights of `heatmap`: motion-gym weights add --from DIR.
 results: $(VENV)/.ready
-	cd $(ROOT) && for name in baselines sdd sdd_style spurious places original style crowd factors transfer refinement pretraining online \
+	cd $(ROOT) && for name in baselines sdd sdd_style spurious places elsewhere original style crowd factors transfer refinement pretraining online \
 	    vehicles vehicles_spurious planning; do \
 	    $(BIN)/motion-gym run $$name --fresh --pack --out motion_gym/results || exit 1; \
 	  done

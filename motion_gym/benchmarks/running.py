@@ -34,6 +34,7 @@ from motion_gym.own_classes import class_hint
 BENCHMARKS: Mapping[str, str] = {
     "spurious": "motion_gym.benchmarks.definitions.places:SPURIOUS",
     "places": "motion_gym.benchmarks.definitions.places:UNSEEN",
+    "elsewhere": "motion_gym.benchmarks.definitions.places:ELSEWHERE",
     "original": "motion_gym.benchmarks.definitions.places:ORIGINAL",
     "style": "motion_gym.benchmarks.definitions.styles:STYLE",
     "factors": "motion_gym.benchmarks.definitions.factors:FACTORS",

@@ -138,6 +138,14 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
             ["constant_velocity"], ["erm_no_sigma"], ["eth6", "hotel", "univ", "zara1", "zara2"], panel=""
         ),
     },
+    "elsewhere": {
+        "On drone video kalman_residual does not have a lower error than constant velocity at every place": lower(
+            ["kalman_residual"], ["constant_velocity"], where=NOT_EVERYWHERE
+        ),
+        "On drone video the error of kalman_residual is within 12 % of that of constant velocity at each place": mean(
+            ["kalman_residual"], ["constant_velocity"], ratio=(0.88, 1.12)
+        ),
+    },
     "original": {
         "Everywhere but at eth constant velocity is better than all networks": lower(
             ["constant_velocity"], ORIGINAL, PLACES, panel=""

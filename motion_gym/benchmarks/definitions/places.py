@@ -192,6 +192,24 @@ UNSEEN = Benchmark(
     short=(),
 )
 
+CAMPUS = ("bookstore", "coupa", "deathCircle", "gates", "hyang", "little", "nexus", "quad")
+"""Places of the Stanford Drone Dataset."""
+
+ELSEWHERE = Benchmark(
+    "elsewhere",
+    "Drone video of a campus: people on foot and on bicycles, forecast by what was learned at the places of ETH-UCY",
+    (
+        Part(
+            "Trained at the five places of ETH-UCY, tested on the Stanford Drone Dataset, in metres by estimated scales",
+            {place: f"sdd:scene={place},unit=m" for place in CAMPUS},
+            FILTERS,
+            (FORECASTER,),
+            "original/all",
+            samples=1,
+        ),
+    ),
+)
+
 FITTED = (*FILTERS, "stand_still", "linear")
 ALONE = {place: f"{place}:min_agents=1" for place in PLACES}
 
