@@ -139,8 +139,9 @@ def load_object(target: str, kind: str, wanted: type = type) -> Any:
         raise SpecError(f"`{target}` is no {kind}: write `{example}`.")
     try:
         module = importlib.import_module(module_name)
-    except MotionGymError:
-        raise
+    except MotionGymError as error:
+        where = raised_at(error)
+        raise SpecError(f"{error}{where and f' In `{module_name}`{where}.'}") from error
     except (Exception, SystemExit) as error:
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{module_name}.".startswith(f"{missing}."):
@@ -156,8 +157,9 @@ def load_object(target: str, kind: str, wanted: type = type) -> Any:
             f"Importing `{module_name}` raised {type(error).__name__}: {error}{raised_at(error)}."
         ) from error
     if not hasattr(module, name):
-        others = [other for other, value in vars(module).items() if isinstance(value, wanted)]
-        raise SpecError(f"Module `{module_name}` has no `{name}`.{suggest(name, others)}")
+        others = {other: value for other, value in vars(module).items() if isinstance(value, wanted)}
+        own = [other for other, value in others.items() if wanted is not type or value.__module__ == module_name]
+        raise SpecError(f"Module `{module_name}` has no `{name}`.{suggest(name, own or others)}")
     return getattr(module, name)
 
 
@@ -214,7 +216,8 @@ def _factory(
     arguments = {**written, **parameters}
     first, colon, rest = name.partition(":")
     if first in kind.table and colon:
-        raise SpecError(f"`{rest}` in `{spec}` is not a parameter. Write `{first}:key=value`.")
+        meant = f"{first}:path={rest}" if first == "tracks" else f"{first}:key=value"
+        raise SpecError(f"`{rest}` in `{spec}` is not a parameter. Write `{meant}`.")
     if colon:
         return name, load_class(name, kind.name), arguments
     if name not in kind.table:

@@ -71,8 +71,8 @@ def raised_at(error: BaseException) -> str:
         `` (file.py, line 3)``; empty if only this package raised, as where it called a method with other arguments.
     """
     frames = traceback.extract_tb(error.__traceback__)
-    last = next((f for f in reversed(frames) if not f.filename.startswith((*_LIBRARIES, "<frozen"))), frames[-1])
-    ours = last.filename.startswith((_LIBRARIES[0], "<frozen"))
+    last = next((f for f in reversed(frames) if not f.filename.startswith((*_LIBRARIES, "<"))), frames[-1])
+    ours = last.filename.startswith((_LIBRARIES[0], "<"))
     return "" if ours else f" ({Path(last.filename).name}, line {last.lineno})"
 
 

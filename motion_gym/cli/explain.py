@@ -136,7 +136,11 @@ def _class_of(kind: type, name: str) -> type | None:
 def _described(shown: Benchmark, name: str) -> str:
     """The tables of a benchmark, with their columns and rows."""
     tables: list[tuple[str, Sequence[str], Sequence[str]]] = [
-        (part.title, [*part.domains], [*part.plain, *part.trained, *(row.name for row in part.external)])
+        (
+            part.title,
+            [name if name == spec else f"{name} ({spec})" for name, spec in part.domains.items()],
+            [*part.plain, *part.trained, *(row.name for row in part.external)],
+        )
         for part in shown.parts
     ]
     tables += [(shifts.title, [*shifts.streams], shifts.all_rows()) for shifts in shown.shifts.values()]

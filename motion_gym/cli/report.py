@@ -59,6 +59,24 @@ def report(
         content = scene_file.read(results)
     page.write(out, results, content)
     say(f"Written: {out}")
+    if results is not None:
+        _say_what_is_not_shown(results)
+
+
+def _say_what_is_not_shown(results: Path) -> None:
+    """Name the runs in a folder of results that are of no shipped benchmark."""
+    from motion_gym.benchmarks.running import BENCHMARKS
+
+    others = [folder.name for folder in sorted(results.iterdir()) if folder.name not in BENCHMARKS and _runs_in(folder)]
+    if others:
+        names = ", ".join(f"`{name}`" for name in others)
+        say(f"Not shown, as the page has the shipped benchmarks alone: {names}. `motion-gym run` writes their tables.")
+    if _runs_in(results):
+        say(f"The runs in {results} itself are not shown: name the folder above it, {results.absolute().parent}.")
+
+
+def _runs_in(folder: Path) -> bool:
+    return folder.is_dir() and any(folder.glob("*--*.json"))
 
 
 def serve(

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from motion_gym.cli.main import main
+from tests.cli.command_line import fail
 
 OWN = '''
 import copy
@@ -179,10 +180,48 @@ def test_an_adapter_of_a_user_stands_among_those_that_ship(capsys, folder):
     assert compared["none"]["mean"] == 0 and "vs none" in out
 
 
+@pytest.mark.parametrize(
+    ("definition", "message"),
+    [
+        ("Part('T', ['orca:d=0.1'], ())", "`domains` of the part `T` must map the name of each column to a spec"),
+        ("Part('T', {}, ())", "`domains` of the part `T` must map"),
+        ("Part('T', COLUMNS, 'linear')", "`plain` of the part `T` must be a sequence of rows, as ('linear',)"),
+        ("Part('T', COLUMNS, ('linear',), protocol='honst')", "Did you mean `honest`?"),
+        ("Part('T', COLUMNS, (), pooled={'all': ('0.1', '0.7')})", "There is no column `0.7` of the part `T`."),
+        ("Part('T', COLUMNS, (), shots={'0.7': 3})", "There is no column `0.7` of the part `T`. Did you mean `0.6`?"),
+        ("Benchmark('mine', 'T', PART)", "`parts` of the benchmark `mine` must be a sequence of Part objects"),
+        ("Benchmark('mine', 'T', (COLUMNS,))", "`parts` of the benchmark `mine` has a dict: make it a Part."),
+        ("Benchmark('mine', 'T')", "The benchmark `mine` is empty"),
+        ("Benchmark('mine', 'T', (PART, PART))", "have the same title"),
+        ("Benchmark('../mine', 'T', (PART,))", "The name `../mine` of a benchmark is also that of a folder"),
+        ("Benchmark('style', 'T', (PART,))", "`mistaken:OWN` has the name `style` of a shipped benchmark"),
+    ],
+)
+def test_a_mistake_in_a_definition_is_told_where_it_is(folder, capsys, monkeypatch, definition, message):
+    monkeypatch.delitem(sys.modules, "mistaken", raising=False)
+    text = f"from own_rows_here import COLUMNS, PART, Benchmark, Part\n\nOWN = {definition}\n"
+    (folder / "mistaken.py").write_text(text)
+    err = fail(capsys, "run mistaken:OWN").err
+    assert message in err and ("(mistaken.py, line 3)" in err or "shipped benchmark" in err), err
+    assert [path.name for path in folder.iterdir() if path.is_dir()] == []
+
+
+def test_a_report_says_which_runs_it_does_not_show(capsys, folder):
+    call(capsys, "run own_rows_here:SMALL --predictor own_rows_here:Steady --out results --jobs 1")
+    for place, said in (
+        ("results", "the shipped benchmarks alone: `small`."),
+        ("results/small", f"name the folder above it, {folder / 'results'}."),
+    ):
+        assert said in call(capsys, f"report {place} --out page.html")
+
+
 def test_a_benchmark_of_ones_own_is_explained(capsys):
     out = call(capsys, "ls own_rows_here:SMALL")
     assert out.startswith("benchmark own_rows_here:SMALL\n\nA small benchmark of a user\n\n`motion-gym run own_rows")
-    assert "    columns: 0.1, 0.6\n    rows: constant_velocity, linear\n" in out
+    assert (
+        "    columns: 0.1 (orca:d=0.1,scenes=40), 0.6 (orca:d=0.6,scenes=40)\n    rows: constant_velocity, linear\n"
+        in out
+    )
 
 
 @pytest.mark.parametrize(

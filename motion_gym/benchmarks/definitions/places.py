@@ -200,7 +200,7 @@ ELSEWHERE = Benchmark(
     "Drone video of a campus: people on foot and on bicycles, forecast by what was learned at the places of ETH-UCY",
     (
         Part(
-            "Trained at the five places of ETH-UCY, tested on the Stanford Drone Dataset, in metres by estimated scales",
+            "Trained at the places of ETH-UCY, tested on the Stanford Drone Dataset, in metres by estimated scales",
             {place: f"sdd:scene={place},unit=m" for place in CAMPUS},
             FILTERS,
             (FORECASTER,),
