@@ -35,7 +35,9 @@ def test_a_name_of_two_kinds_is_explained_twice(capsys):
     assert benchmark.startswith(
         "Style shift: crowds that keep another distance than those of training\n\n`motion-gym run"
     )
-    assert "    columns: 0.1, 0.2," in benchmark and "    rows: constant_velocity, " in benchmark
+    assert (
+        "    columns: 0.1 (orca:d=0.1), 0.2 (orca:d=0.2)," in benchmark and "    rows: constant_velocity, " in benchmark
+    )
     assert said(capsys, "refine").startswith("predictor and adapter refine(")
 
 
