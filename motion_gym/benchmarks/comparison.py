@@ -154,12 +154,16 @@ def comparison_table(comparisons: Sequence[Comparison]) -> Table:
         cells = [Code(c.domain), f"{c.metric}, {c.unit}", number(c.mean_a), number(c.mean_b), difference, share, effect]
         rows.append([*cells, p_text(c.p), p_text(p), c.how, str(c.n)])
     columns = ["domain", "metric", "A", "B", "A - B [95 %]", "of B", "effect", "p", "corrected", "compared", "n"]
-    notes = [
-        "negative: A is better; intervals and p-values by bootstrap of whole agents, in pairs of the same agent-window",
-        "effect: the mean difference in standard deviations of the differences",
-        "corrected: p-value for the number of rows (Holm)",
-    ]
+    notes = ["negative: A is better", "corrected: p-value for the number of rows (Holm)"]
+    if any(c.how == PAIRED for c in comparisons):
+        notes += [
+            f"{PAIRED}: intervals and p-values by bootstrap of whole agents, in pairs of the same agent-window",
+            "effect: the mean difference in standard deviations of the differences",
+        ]
     if any(c.how == FROM_SUMMARIES for c in comparisons):
-        notes.append(f"{FROM_SUMMARIES}: the errors by agent are not stored, and could not be computed here")
+        notes.append(
+            f"{FROM_SUMMARIES}: the errors by agent are not stored, and could not be computed here; the interval is "
+            "that of two independent errors, hence wider than one in pairs"
+        )
     first = comparisons[0]
     return Table(f"A: {first.a}, B: {first.b}", columns, rows, notes)
