@@ -139,9 +139,11 @@ def load_object(target: str, kind: str, wanted: type = type) -> Any:
         raise SpecError(f"`{target}` is no {kind}: write `{example}`.")
     try:
         module = importlib.import_module(module_name)
-    except MotionGymError as error:
+    except SpecError as error:
         where = raised_at(error)
         raise SpecError(f"{error}{where and f' In `{module_name}`{where}.'}") from error
+    except MotionGymError:
+        raise
     except (Exception, SystemExit) as error:
         missing = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if missing and f"{module_name}.".startswith(f"{missing}."):

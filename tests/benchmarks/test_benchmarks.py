@@ -80,7 +80,7 @@ def test_every_run_is_stored_and_is_of_the_present_weights_data_and_versions(nam
 
 def test_all_that_is_stored_is_small():
     files = [path for path in SHIPPED.rglob("*") if path.is_file()]
-    assert len(files) < 60 and sum(path.stat().st_size for path in files) < 9e6
+    assert len(files) < 62 and sum(path.stat().st_size for path in files) < 9e6
 
 
 @pytest.mark.parametrize("name", ["baselines", "original", "published", "spurious", "style"])
@@ -137,7 +137,8 @@ def test_shipped_weights_forecast_better_than_standing_still(path, eth_ucy):
     for name, value in plan.options_of(catalog.predictor(card["predictor"])).items():
         if name == "most":
             continue  # the digests of the data show it
-        assert card["training"][name] == (list(value) if name == "epochs" else value)
+        # What is turned off may be left out.
+        assert (card["training"].get(name) or None) == ((list(value) if name == "epochs" else value) or None)
     still = [score(StandStill().predict(truth.observation), truth)["ADE"] for truth in validation]
     assert max(card["validation_ade"]) < 0.9 * np.concatenate(still).mean()
 
