@@ -65,6 +65,7 @@ def test_every_example_is_tested():
         "heat_map.py",
         "new_style.py",
         "own_adapter.py",
+        "own_benchmark.py",  # tests/test_tutorials.py
         "own_checkpoint.py",  # tests/test_tutorials.py
         "own_domain.py",
         "own_predictor.py",

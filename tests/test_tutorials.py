@@ -4,7 +4,7 @@ import pytest
 
 from tests.tutorials import ROOT, follow
 
-PAGES = ("score-your-model.md", "your-data.md", "your-adapter.md", "reproduce-the-paper.md")
+PAGES = ("score-your-model.md", "your-data.md", "your-adapter.md", "your-benchmark.md", "reproduce-the-paper.md")
 
 
 def test_every_tutorial_is_followed():

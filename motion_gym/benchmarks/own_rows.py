@@ -240,7 +240,8 @@ def comparison_tables(results: Results) -> dict[str, Table]:
             rows.setdefault(title, {})[row, column] = [Code(row), column, *cells]
     paired = (
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
-        "than the shipped row"
+        "than the shipped row; p is two-sided, by the same replicates (10000, or 1000 of which the smallest p is .002), "
+        "and not corrected for the number of rows"
     )
     of_windows = (
         "the new row, mean over seeds, against the named seed of the best shipped row; oracles, external programs and "
