@@ -240,7 +240,7 @@ def comparison_tables(results: Results) -> dict[str, Table]:
             rows.setdefault(title, {})[row, column] = [Code(row), column, *cells]
     paired = (
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
-        "than the shipped row; p is two-sided, by the same replicates (10000, or 1000 of which the smallest p is .002), "
+        "than the shipped row; p is two-sided, by the same replicates (10000, or 1000 whose smallest p is .002), "
         "and not corrected for the number of rows"
     )
     of_windows = (
