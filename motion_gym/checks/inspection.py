@@ -23,7 +23,7 @@ from motion_gym.contract import DataError, Domain, Recording, SpecError
 from motion_gym.data.domains import spec_of
 from motion_gym.data.storage import digest
 from motion_gym.data.tracks.column_names import FLAGS, plain_name
-from motion_gym.data.tracks.table_files import missing_file
+from motion_gym.data.tracks.file_content import missing_file
 from motion_gym.data.tracks.tables import Table
 from motion_gym.data.tracks.track_columns import unknown_unit
 from motion_gym.data.tracks.track_files import METRES, TrackFile, units_in_headers, usual_frames

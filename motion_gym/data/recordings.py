@@ -18,7 +18,7 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from motion_gym.contract import EXACT, DataError, Recording, SpecError
-from motion_gym.data.tracks.table_files import content_of, decompressed
+from motion_gym.data.tracks.file_content import content_of, decompressed
 from motion_gym.specs import number
 
 _NAMES = ("frame", "id", "x", "y")

@@ -11,7 +11,7 @@ import numpy as np
 
 from motion_gym.contract import DataError
 from motion_gym.data.storage import digest
-from motion_gym.data.tracks.table_files import content_of
+from motion_gym.data.tracks.file_content import content_of
 
 
 @dataclass(frozen=True, eq=False)

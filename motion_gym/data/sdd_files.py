@@ -13,7 +13,7 @@ from typing import NoReturn
 import numpy as np
 
 from motion_gym.contract import DataError
-from motion_gym.data.tracks.table_files import content_of
+from motion_gym.data.tracks.file_content import content_of
 from motion_gym.data.tracks.tables import NUMBER, short
 
 VIDEOS: Mapping[str, int] = {

@@ -151,8 +151,10 @@ class ResidualProgram(Program):
         truth, scenes = self.train[number], self.train[number].observation.scenes
         each = truth.observation.scene_index
         factor = np.exp(rng.uniform(-self.scale, self.scale, scenes))
-        larger = rng.random(scenes) < self.fast if self.fast else np.zeros(scenes, bool)
-        factor = np.where(larger, FASTEST ** rng.random(scenes), factor) if self.fast else factor
+        larger = np.zeros(scenes, bool)
+        if self.fast:
+            larger = rng.random(scenes) < self.fast
+            factor = np.where(larger, FASTEST ** rng.random(scenes), factor)
         mirror = np.where(rng.random(scenes) < 0.5, -1.0, 1.0)
         strength = rng.uniform(0, self.noise, scenes) * (rng.random(scenes) < DISTURBED)
         xy, future = _plain(truth)[:2]

@@ -12,7 +12,7 @@ from motion_gym.benchmarks.claims.driving_sentences import DRIVING
 from motion_gym.benchmarks.claims.drone_sentences import BIKERS, SPEEDS
 from motion_gym.benchmarks.claims.factor_sentences import FACTOR_CLAIMS
 from motion_gym.benchmarks.claims.stream_sentences import ONLINE
-from motion_gym.benchmarks.definitions.traffic import MOTION, STYLES
+from motion_gym.benchmarks.claims.traffic_sentences import VEHICLES
 from motion_gym.benchmarks.objects import NOT_EVERYWHERE, NOWHERE, Claim
 
 ALPHAS = ("1", "2", "4", "8", "16", "32", "64")
@@ -32,8 +32,6 @@ F, ALL, PSI_F_G, LAST = (f"transfer:parts={parts}" for parts in ("modulator", "a
 LATER_BATCHES = ("2", "3", "4", "5", "6")
 WATCHED_EARLY = [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (1, 3, 10)]
 
-WITHOUT_NETWORK = (*MOTION, "linear")
-KNOWN_ROADS = (*STYLES, "left side", "merge")
 
 TESTS: Mapping[str, Mapping[str, Test]] = {
     "spurious": {
@@ -269,32 +267,7 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
             ["refine:of=transfer"], [F], panel="1"
         ),
     },
-    "vehicles": {
-        "In traffic kalman_residual has a lower error than every row without a network for each driving style, on the "
-        "other side of the road and at a merge": lower(["kalman_residual"], WITHOUT_NETWORK, KNOWN_ROADS),
-        "With styles of training, kalman_residual takes half or more off the error of constant velocity": mean(
-            ["kalman_residual"], ["constant_velocity"], STYLES[:-1], ratio=(0, 0.5)
-        ),
-        "On roads with bends and crossings, which were not trained on, it does not": mean(
-            ["kalman_residual"], ["constant_velocity"], ["roundabout", "intersection"], where=NOWHERE
-        ),
-        "STGAT, which sees the axes of the world, has a higher error than constant velocity for aggressive drivers, at "
-        "a roundabout and at an intersection": lower(
-            ["constant_velocity"], ["erm_no_sigma"], ["aggressive", "roundabout", "intersection"]
-        ),
-        "At a roundabout and an intersection its error is nine times that of constant velocity or more": mean(
-            ["constant_velocity"], ["erm_no_sigma"], ["roundabout", "intersection"], ratio=(0, 0.112)
-        ),
-        "STGAT with a style has a lower mean error than without for every driving style": mean(
-            ["modular_stgat"], ["erm_no_sigma"], STYLES
-        ),
-        "STGAT with a style has no lower mean error than linear on any road": mean(
-            ["modular_stgat"], ["linear"], where=NOWHERE
-        ),
-        "The networks in the frame of each agent have no lower mean error than linear in traffic": mean(
-            ["ego_erm", "ego_modular"], ["linear"], where=NOWHERE
-        ),
-    },
+    "vehicles": VEHICLES,
     "vehicles_spurious": {
         "In traffic linear with sigma has a lower error than without up to alpha 4, the largest in training": mean(
             ["linear:sigma=true"], ["linear"], ALPHAS[:3]

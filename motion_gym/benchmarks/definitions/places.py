@@ -7,6 +7,7 @@ from typing import Any
 from motion_gym.benchmarks.objects import FILTERS, SAMPLES, SEEDS, Benchmark, Drawing, Part, Study
 from motion_gym.benchmarks.published import ALPHAS, ORIGINAL_WEIGHTS, PAPER, as_released
 from motion_gym.benchmarks.row_specs import weighted
+from motion_gym.data.sdd_files import VIDEOS
 from motion_gym.training.plans import PLACES
 
 PLAIN = (*FILTERS, "linear", "linear:sigma=true", "linear:sigma=relative")
@@ -192,16 +193,13 @@ UNSEEN = Benchmark(
     short=(),
 )
 
-CAMPUS = ("bookstore", "coupa", "deathCircle", "gates", "hyang", "little", "nexus", "quad")
-"""Places of the Stanford Drone Dataset."""
-
 ELSEWHERE = Benchmark(
     "elsewhere",
     "Drone video of a campus: people on foot and on bicycles, forecast by what was learned at the places of ETH-UCY",
     (
         Part(
             "Trained at the places of ETH-UCY, tested on the Stanford Drone Dataset, in metres by estimated scales",
-            {place: f"sdd:scene={place},unit=m" for place in CAMPUS},
+            {place: f"sdd:scene={place},unit=m" for place in VIDEOS},
             FILTERS,
             (FORECASTER,),
             "original/all",
