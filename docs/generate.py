@@ -34,6 +34,7 @@ RESULTS_PAGE = "motion-gym-results.html"
 PICTURES = {
     "orca": ("orca:agents=10,d=0.5,scenes=50", "constant_velocity"),
     "highway": ("highway:scenario=roundabout,runs=1", "constant_velocity"),
+    "walkers": ("walkers:people=3,turn=10,noise=0.1,scenes=1", "kalman_velocity"),
 }
 """Simulated domains that are drawn: spec, and predictor."""
 EXAMPLES = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -114,18 +115,28 @@ class Weighted:
         A predictor must not be scored in a world that it was trained in, unless the world is simulated anew for each
         split. Of the other ``sets``, this takes the one whose training domains are most like the domains: of the same
         name, then with the most equal parameters, then the first. Sets of a simulated domain are taken for that domain
-        alone. The first of ``sets`` is taken if there is none.
+        alone. The first of ``sets`` is taken if there is none, with a warning if all are of other simulated domains.
         """
         worlds = {domain.world for domain in domains if not _is_simulated(domain)}
         alike: dict[str, tuple[bool, int]] = {}
+        unlike: dict[str, list[str]] = {}
         for name in self.sets if self.tensors is None else ():
             with contextlib.suppress(PredictorError):  # these settings have no such weights
-                sources = [catalog.domain(source) for source in read_card(shipped(name, self.name))["trained_on"]]
+                trained_on = read_card(shipped(name, self.name))["trained_on"]
+                sources = [catalog.domain(source) for source in trained_on]
                 likeness = max(_likeness(source, domain) for source in sources for domain in domains)
-                elsewhere = any(map(_is_simulated, sources)) and not likeness[0]
-                if not elsewhere and worlds.isdisjoint(source.world for source in sources):
+                if any(map(_is_simulated, sources)) and not likeness[0]:
+                    unlike[name] = trained_on
+                elif worlds.isdisjoint(source.world for source in sources):
                     alike[name] = likeness
         self.chosen = max(alike, key=lambda name: alike[name], default=self.chosen)
+        if self.chosen in unlike:
+            warnings.warn(
+                f"{self.name} was not trained on data like `{domains[0].card.name}`: its weights `{self.chosen}` were "
+                f"trained on {', '.join(unlike[self.chosen])} and may fail here. Train it on such data (`motion-gym train`), or take a "
+                "predictor with weights for it, such as kalman_residual for people.",
+                stacklevel=2,
+            )
 
     def fit(
         self,

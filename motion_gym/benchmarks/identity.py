@@ -214,6 +214,7 @@ def label_of(predictor: Any) -> str:
     return predictor.__name__ if isinstance(predictor, type) else name_of(predictor)
 
 
+@functools.lru_cache(maxsize=10_000)
 def row_name(spec: str) -> str:
     """Row of a table that a spec belongs to: without its weights and seed."""
     name, parameters = catalog.parse_spec(spec)

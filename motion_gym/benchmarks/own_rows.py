@@ -17,7 +17,7 @@ from motion_gym import catalog
 from motion_gym.benchmarks import running
 from motion_gym.benchmarks.identity import facts_of, label_of, row_name, shipped_card
 from motion_gym.benchmarks.jobs import Job, score_stream, stream_job
-from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Part
+from motion_gym.benchmarks.objects import BASELINE, NONE, SEEDS, Benchmark, Part
 from motion_gym.benchmarks.reports.table import Code, Table, interval, p_text
 from motion_gym.benchmarks.row_specs import with_parameters
 from motion_gym.benchmarks.running import Results
@@ -26,6 +26,23 @@ from motion_gym.contract import SpecError
 from motion_gym.metrics.bootstrap import clustered_interval, paired_difference
 from motion_gym.scoring.cards import in_json
 from motion_gym.stepping.harness import is_fitted_here, ready
+
+
+def check(benchmark: Benchmark, predictors: Sequence[Any], adapters: Sequence[Any], of: str | None) -> None:
+    """Make each predictor and adapter once, before anything is computed.
+
+    Raises:
+        SpecError: a name is not known, the benchmark has no columns for a predictor, or no streams for an adapter.
+    """
+    name = benchmark.name
+    if predictors and not benchmark.parts and not benchmark.drives:
+        raise SpecError(f"{name} has no columns for a predictor: name an adapter, as --adapter module:Mine.")
+    if adapters and not benchmark.shifts:
+        raise SpecError(f"{name} has no streams for an adapter: name a predictor, as --predictor my_module:Mine.")
+    for predictor in predictors:
+        catalog.predictor(predictor)
+    for adapter in adapters:
+        catalog.adapter(adapter, of or next(iter(benchmark.shifts.values())).of(0))
 
 
 def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of: str | None, session: str) -> None:
@@ -38,14 +55,7 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
         of: Predictor that the adapters are put around; by default the one of each of the shifts.
         session: Name of the command.
 
-    Raises:
-        SpecError: the benchmark has no columns for a predictor, or no streams for an adapter.
     """
-    name = results.benchmark.name
-    if predictors and not results.benchmark.parts and not results.benchmark.drives:
-        raise SpecError(f"{name} has no columns for a predictor: name an adapter, as --adapter module:Mine.")
-    if adapters and not results.benchmark.shifts:
-        raise SpecError(f"{name} has no streams for an adapter: name a predictor, as --predictor my_module:Mine.")
     jobs = [job for predictor in predictors for job in _predictor_jobs(results, predictor, session)]
     jobs += [job for adapter in adapters for job in _adapter_jobs(results, adapter, of, session)]
     jobs += [job for predictor in predictors for job in _drive_jobs(results, predictor, session)]

@@ -158,6 +158,10 @@ def run(
         if shift not in chosen.shifts:
             raise SpecError(f"{chosen.name} has no shift `{shift}`.{catalog.suggest(shift, chosen.shifts)}")
     _check_rows(chosen, only or ())
+    if predictors or adapters:
+        from motion_gym.benchmarks import own_rows  # imports this module
+
+        own_rows.check(chosen, predictors, adapters, of)
     session = session or secrets.token_hex(8)
     runner = Runner(Store(chosen.name, folder), fresh, only, executor, report)
     results = Results(chosen, runner)
@@ -180,8 +184,6 @@ def run(
     ]
     results.streams = runner.rows(list(stream_jobs(chosen, results.errors, session)))
     if predictors or adapters:
-        from motion_gym.benchmarks import own_rows  # imports this module
-
         own_rows.add(results, predictors, adapters, of, session)
     return results
 

@@ -7,8 +7,10 @@ from typing import Annotated, Any
 import tyro
 
 from motion_gym.cli.output import Json, Text, console, print_json, say
+from motion_gym.specs import parse_value
 
-Number = Annotated[float | None, tyro.conf.arg(metavar="NUMBER")]
+Number = Annotated[str | None, tyro.conf.arg(metavar="NUMBER")]
+"""Read as in a spec, whose errors say what is allowed."""
 
 
 def inspect(
@@ -41,17 +43,13 @@ def inspect(
     """
     from motion_gym.checks.inspection import inspect as inspect_domain
 
-    keywords: dict[str, Any] = {"sources": sources or None}
-    keywords |= {"columns": columns, "fps": fps, "dt": dt, "unit": unit, "scale": scale, "step": step, "gap": gap}
-    keywords |= {"split": split}
-    keywords = {name: _plain(value) for name, value in keywords.items() if value is not None}
+    keywords: dict[str, Any] = {"sources": sources or None, "columns": columns, "unit": unit, "split": split}
+    numbers = {"fps": fps, "dt": dt, "scale": scale, "step": step, "gap": gap}
+    keywords |= {name: parse_value(value) for name, value in numbers.items() if value is not None}
+    keywords = {name: value for name, value in keywords.items() if value is not None}
     report = inspect_domain(thing, **keywords)
     if as_json:
         print_json(report.as_dict())
     else:
         say(report.text(console.width))
 
-
-def _plain(value: Any) -> Any:
-    """A whole number as an int, as a spec has it: fps=25, not fps=25.0."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -28,6 +28,9 @@ NOISE = 0.3
 """Standard deviation of the log of the factor that disturbs half of the distances in training the correction."""
 AT_ONCE = 2000
 """Agents of one forward pass of validation."""
+FARTHEST = 3.0
+"""Largest distance that is believed, as a factor of the mean distance in training. Twice the largest d of the benchmark
+``style`` is 2.7 times that mean. Farther agents do not keep a distance, but have nothing to do with each other."""
 TRUST = 0.05
 """Weight of the observed scenes at which the networks with and without a style contribute equally."""
 
@@ -180,5 +183,6 @@ def forecast(scenes: Scenes, state: np.ndarray, weights: Weights) -> Tensor:
     if f"{STYLED}.bias1" not in weights:
         return plain
     distance, trust = (float(value) for value in distance_and_trust(state))
-    kept = torch.full(scenes.miss.shape[:2], distance, device=scenes.miss.device)
+    farthest = FARTHEST * weights["inputs.distance"]
+    kept = torch.minimum(torch.full_like(farthest, distance), farthest).expand(scenes.miss.shape[:2])
     return trust * ego_network.in_style(scenes, kept, weights)[1] + (1 - trust) * plain

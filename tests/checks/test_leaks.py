@@ -20,6 +20,7 @@ from tests.walks import walks_file
 
 SMALL = {
     "orca": {"scenes": 16},
+    "walkers": {"scenes": 50},
     "tracks": {"path": walks_file(), "fps": 25},
     "highway": traffic.SMALL,
     "sdd": {"scene": "quad", "form": "clips", "image": True},
@@ -34,7 +35,7 @@ def data(request):
     domain = request.node.callspec.params["domain"]
     if domain == "highway":
         traffic.needs_highway_env()
-    elif not domain.startswith("orca"):
+    elif domain not in ("orca", "walkers"):
         request.getfixturevalue("sdd" if domain == "sdd" else "eth_ucy")
 
 

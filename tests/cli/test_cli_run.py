@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -208,11 +209,11 @@ def test_a_mistake_in_a_definition_is_told_where_it_is(folder, capsys, monkeypat
 
 def test_a_report_says_which_runs_it_does_not_show(capsys, folder):
     call(capsys, "run own_rows_here:SMALL --predictor own_rows_here:Steady --out results --jobs 1")
-    for place, said in (
-        ("results", "the shipped benchmarks alone: `small`."),
-        ("results/small", f"name the folder above it, {folder / 'results'}."),
-    ):
-        assert said in call(capsys, f"report {place} --out page.html")
+    for file in Path("results/small").glob("*--*.json"):
+        shutil.copy(file, "results")
+    out = call(capsys, "report results --out page.html")
+    assert "the shipped benchmarks alone: `small`." in out
+    assert f"The runs in results itself are not shown: name the folder above it, {folder}." in out
 
 
 def test_a_benchmark_of_ones_own_is_explained(capsys):
@@ -247,6 +248,12 @@ def test_mistakes_are_one_message(capsys, line, message):
     with pytest.raises(SystemExit) as stopped:
         main(shlex.split(line))
     assert stopped.value.code == 2 and message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("line", ["SMALL --predictor constant_velocty", "STREAMS --adapter klaman"])
+def test_a_misspelt_row_is_told_before_anything_is_computed(capsys, folder, line):
+    assert "Did you mean" in fail(capsys, f"run own_rows_here:{line} --out results").err
+    assert not list(folder.rglob("*.json"))
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="Ray is installed")

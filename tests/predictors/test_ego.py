@@ -119,6 +119,17 @@ def test_the_style_lowers_the_error_outside_the_training_styles(trained):
     assert score(predictor.predict(truth.observation), truth)["ADE"].mean() == without
 
 
+@pytest.mark.parametrize(("weights", "gap"), [("style", 200), ("style", 2), ("vehicles", 200)])
+def test_people_far_apart_are_no_style_to_keep_such_a_distance(weights, gap):
+    predictor = EgoModular(weights=weights)
+    predictor.observe(mg.domain("walkers:people=2,gap=200,noise=2").reference())
+    distance, trust = distance_and_trust(predictor.observed)
+    assert distance > 190 and trust > 0.5  # by the noise of the annotation
+    truth = mg.domain("walkers:people=2", gap=gap).windows("test")
+    errors = [score(p.predict(truth.observation), truth)["ADE"].mean() for p in (predictor, ConstantVelocity())]
+    assert errors[0] < 2 * errors[1]
+
+
 def test_partly_known_training_windows_are_refused(data):
     known = data[0][0].known.copy()
     known[0, -1] = False

@@ -87,3 +87,25 @@ def test_predictors_without_weights_are_not_fitted_by_an_evaluation():
     assert mg.predictor("invariant").fitted and not mg.predictor("invariant:penalty=0.125").fitted
     with pytest.raises(PredictorError, match=r"Train it: motion-gym train invariant:penalty=0\.125"):
         mg.evaluate("invariant:penalty=0.125", "orca:scenes=20")
+
+
+@pytest.mark.parametrize("spec", ["ego_erm", "ego_modular", "modular", "style_erm", "modular_stgat"])
+def test_weights_of_another_simulation_are_not_used_without_a_warning(spec):
+    predictor = mg.predictor(spec)
+    with pytest.warns(UserWarning, match=rf"{spec} was not trained on data like `walkers`.*orca:.*motion-gym train"):
+        predictor.choose_weights([mg.domain("walkers")])
+
+
+@pytest.mark.parametrize(
+    ("spec", "place"),
+    [
+        ("ego_erm", "orca:d=0.8"),
+        ("ego_erm:weights=style", "walkers"),  # as the user says
+        ("kalman_residual", "walkers"),
+        ("kalman_residual", "highway"),
+        ("erm_no_sigma", "walkers"),
+    ],
+)
+def test_other_weights_are_chosen_silently(spec, place, recwarn):
+    mg.predictor(spec).choose_weights([mg.domain(place)])
+    assert not recwarn.list

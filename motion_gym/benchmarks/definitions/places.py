@@ -193,9 +193,28 @@ UNSEEN = Benchmark(
     short=(),
 )
 
+WALKERS = {
+    "stand": "walkers:speed=0",
+    "0.5 m/s": "walkers:speed=0.5",
+    "1.3 m/s": "walkers:speed=1.3",
+    "3 m/s": "walkers:speed=3",
+    "6 m/s": "walkers:speed=6",
+    "noise 0.1 m": "walkers:noise=0.1",
+    "two, 2 m apart": "walkers:people=2",
+    "two, 50 m apart": "walkers:people=2,gap=50",
+    "six, 1 m apart": "walkers:people=6,gap=1",
+}
+"""People who walk straight on: alone, at a speed; or in company. Without a noise it is 0.02 m."""
+WALKED = {
+    "original/all": ("at all places of ETH-UCY", (FORECASTER,)),
+    "original/hotel": ("at four places of ETH-UCY", ("erm_no_sigma",)),
+    "style/crowd": ("on simulated crowds of ten", ("ego_erm", FORECASTER, "modular_stgat")),
+}
+"""What they were trained on, and rows that are tested on ``WALKERS``, by their weights."""
+
 ELSEWHERE = Benchmark(
     "elsewhere",
-    "Drone video of a campus: people on foot and on bicycles, forecast by what was learned at the places of ETH-UCY",
+    "Away from the training data: drone video of a campus with cyclists, and people who walk straight on",
     (
         Part(
             "Trained at the places of ETH-UCY, tested on the Stanford Drone Dataset, in metres by estimated scales",
@@ -204,6 +223,18 @@ ELSEWHERE = Benchmark(
             (FORECASTER,),
             "original/all",
             samples=1,
+        ),
+        *(
+            Part(
+                f"Trained {where}, tested on people who walk straight on, simulated with noise of 0.02 m",
+                WALKERS,
+                FILTERS,
+                rows,
+                weights,
+                references=0,
+                samples=1,
+            )
+            for weights, (where, rows) in WALKED.items()
         ),
     ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -109,6 +110,14 @@ def correlation_table(drives: Drives, results: Sequence[Result]) -> Table:
     )
 
 
+@functools.cache
+def _drawn(columns: int, seeds: int, episodes: int) -> np.ndarray:
+    """How often each replicate draws each episode, [1 + REPLICATES, columns, seeds, episodes]; in the first, once."""
+    share = np.full(episodes, 1 / episodes)
+    counts = np.random.default_rng(0).multinomial(episodes, share, (REPLICATES, columns, seeds)).astype(float)
+    return np.concatenate([np.ones_like(counts[:1]), counts])
+
+
 def correlation(cells: Cells, rows: Sequence[str], columns: Sequence[str], metric: str) -> tuple[float, float, float]:
     """Spearman correlation over rows between the means of an error and of the score, with its 95 % interval.
 
@@ -120,11 +129,7 @@ def correlation(cells: Cells, rows: Sequence[str], columns: Sequence[str], metri
         np.array([[_values(cells, row, column, name) for column in columns] for row in rows])
         for name in (metric, "score")
     ]
-    episodes = values[0].shape[-1]
-    share = np.full(episodes, 1 / episodes)
-    # How often each episode of each column and seed is drawn; in the first sample, once.
-    counts = np.random.default_rng(0).multinomial(episodes, share, (REPLICATES, *values[0].shape[1:3])).astype(float)
-    counts = np.concatenate([np.ones_like(counts[:1]), counts])
+    counts = _drawn(*values[0].shape[1:])
     ranks = []
     for table in values:
         known = np.isfinite(table)

@@ -14,9 +14,10 @@ def paired_p(differences: np.ndarray) -> float:
     """
     if np.ptp(differences) == 0:
         return 1.0 if differences[0] == 0 else 0.0
-    from scipy.stats import ttest_1samp  # takes a second to import
+    from scipy.special import stdtr  # scipy.stats takes a second to import, and ten times as long for each test
 
-    return float(ttest_1samp(differences, 0).pvalue)
+    error = differences.std(ddof=1) / len(differences) ** 0.5
+    return float(2 * stdtr(len(differences) - 1, -abs(differences.mean() / error)))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
