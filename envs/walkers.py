@@ -74,7 +74,9 @@ class Walkers(RecordedDomain):
         steps = np.arange(WINDOW).reshape(1, WINDOW, 1)
         path = self.speed * self.dt * np.cumsum(_unit(heading + turn * steps), axis=1)
         aside = self.gap * np.arange(self.people)[:, None] * _unit(heading + np.pi / 2)
-        xy = path[:, :, None] + aside[:, None] + rng.normal(scale=self.noise, size=(self.scenes, WINDOW, self.people, 2))
+        xy = (
+            path[:, :, None] + aside[:, None] + rng.normal(scale=self.noise, size=(self.scenes, WINDOW, self.people, 2))
+        )
         frame = np.repeat(np.arange(self.scenes * WINDOW), self.people)
         person = np.repeat(np.arange(self.scenes * self.people).reshape(self.scenes, 1, -1), WINDOW, axis=1)
         return [Recording(frame, person.reshape(-1), xy.reshape(-1, 2), self.dt, f"walkers {split}")]

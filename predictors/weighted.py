@@ -133,8 +133,8 @@ class Weighted:
         if self.chosen in unlike:
             warnings.warn(
                 f"{self.name} was not trained on data like `{domains[0].card.name}`: its weights `{self.chosen}` were "
-                f"trained on {', '.join(unlike[self.chosen])} and may fail here. Train it on such data (`motion-gym train`), or take a "
-                "predictor with weights for it, such as kalman_residual for people.",
+                f"trained on {', '.join(unlike[self.chosen])} and may fail here. Train it on such data "
+                "(`motion-gym train`), or take a predictor with weights for it, such as kalman_residual for people.",
                 stacklevel=2,
             )
 

@@ -52,4 +52,3 @@ def inspect(
         print_json(report.as_dict())
     else:
         say(report.text(console.width))
-

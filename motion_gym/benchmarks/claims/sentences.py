@@ -29,6 +29,9 @@ NETWORKS = ("style_erm", "style_invariant", "modular", "modular_invariant")
 OUT = ("0.4", "0.6", "0.7", "0.8")
 """Styles d that are far from those of training."""
 F, ALL, PSI_F_G, LAST = (f"transfer:parts={parts}" for parts in ("modulator", "all", "style", "last_layer"))
+WALKING = ("stand", "0.5 m/s", "1.3 m/s", "two, 2 m apart", "two, 50 m apart", "six, 1 m apart")
+FAST = ("3 m/s", "6 m/s")
+"""Columns of the simulated walkers; those of several people are at 1.3 m/s."""
 LATER_BATCHES = ("2", "3", "4", "5", "6")
 WATCHED_EARLY = [f"orca:d={d}, {n} epochs" for d in ("0.1", "0.7") for n in (1, 3, 10)]
 
@@ -142,6 +145,21 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
         ),
         "On drone video the error of kalman_residual is within 12 % of that of constant velocity at each place": mean(
             ["kalman_residual"], ["constant_velocity"], ratio=(0.88, 1.12)
+        ),
+        "Of people who walk straight on kalman_residual has a lower error than constant velocity up to 1.3 m/s": lower(
+            ["kalman_residual"], ["constant_velocity"], WALKING, panel="1"
+        ),
+        "Of people who move straight on constant velocity has a lower error than kalman_residual at 3 or 6 m/s": lower(
+            ["constant_velocity"], ["kalman_residual"], FAST, panel="1"
+        ),
+        "Of people who walk straight on STGAT has at least twice the error of constant velocity": mean(
+            ["erm_no_sigma"], ["constant_velocity"], [*WALKING[1:], *FAST], panel="2", ratio=(2, ANY)
+        ),
+        "Trained on crowds, ego_erm is within 20 % of constant velocity for people who walk straight on": mean(
+            ["ego_erm"], ["constant_velocity"], panel="3", ratio=(0.8, 1.2)
+        ),
+        "Trained on crowds, kalman_residual has ten times the error of constant velocity at 3 or 6 m/s": mean(
+            ["kalman_residual"], ["constant_velocity"], FAST, panel="3", ratio=(10, ANY)
         ),
     },
     "original": {
