@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 SCHEMA = 3
@@ -46,6 +46,7 @@ ITEMS: Mapping[str, type] = {"leaks": str, "segments": dict, "versus": dict}
 """Types of the items of lists and objects."""
 LARGEST = 2**63
 """Whole numbers beyond this, which no run has, do not fit into an array."""
+_MISSING = object()
 _TYPE_OF = {key: (name, kind) for name, (kind, keys) in TYPES.items() for key in keys.split()}
 
 
@@ -63,12 +64,13 @@ def problem_of(content: Any) -> str:
     if kind in ("windows", "drive") and isinstance(content.get("metrics"), dict):
         of_one = SUMMARY if kind == "windows" else ("mean", "low", "high", "episodes")
         paths += [["metrics", name, key] for name in content["metrics"] for key in of_one]
-    missing = next((path for path in paths if not _has(content, path)), None)
+    values = [(path, _value_at(content, path)) for path in paths]
+    missing = next((path for path, value in values if value is _MISSING), None)
     if missing:
         return f"it has no `{'.'.join(missing)}`"
     if kind == "drive":  # has seconds of forecasts and of plans, and no errors where nothing was forecast
-        paths = [path for path in paths if (path != ["seconds"] and path[0] != "metrics") or path[1:2] == ["score"]]
-    wrong = next((path for path in paths if not _is_of_its_type(content, path)), None)
+        values = [(p, value) for p, value in values if (p != ["seconds"] and p[0] != "metrics") or p[1:2] == ["score"]]
+    wrong = next((path for path, value in values if not _is_of_its_type(path, value)), None)
     if wrong:
         return f"its `{'.'.join(wrong)}` is no {_TYPE_OF[wrong[-1]][0]}"
     for key, of_items in ITEMS.items():
@@ -78,13 +80,11 @@ def problem_of(content: Any) -> str:
     return ""
 
 
-def _is_of_its_type(content: Any, keys: list[str]) -> bool:
-    if keys[-1] not in _TYPE_OF:
+def _is_of_its_type(path: Sequence[str], value: Any) -> bool:
+    if path[-1] not in _TYPE_OF:
         return True
-    for key in keys[:-1]:
-        content = content[key]
-    value, (_, kind) = content[keys[-1]], _TYPE_OF[keys[-1]]
-    if value is None and keys[-1] == "mean" and keys[-2].upper() in ("ADE", "FDE"):
+    kind = _TYPE_OF[path[-1]][1]
+    if value is None and path[-1] == "mean" and path[-2].upper() in ("ADE", "FDE"):
         return False
     if isinstance(value, int):
         return (
@@ -95,9 +95,9 @@ def _is_of_its_type(content: Any, keys: list[str]) -> bool:
     return isinstance(value, kind)
 
 
-def _has(content: Any, keys: list[str]) -> bool:
+def _value_at(content: Any, keys: Sequence[str]) -> Any:
     for key in keys:
         if not isinstance(content, dict) or key not in content:
-            return False
+            return _MISSING
         content = content[key]
-    return True
+    return content

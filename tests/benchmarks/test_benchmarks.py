@@ -1,6 +1,7 @@
 """The benchmarks that ship: their rows, their stored runs, and the weights that they use."""
 
 import dataclasses
+import functools
 import random
 import xml.etree.ElementTree as ElementTree
 
@@ -25,6 +26,7 @@ from tests import traffic
 from tests.added_weights import lacks_weights
 
 WITH_WEIGHTS = {p.parent.relative_to(weight_files.SHIPPED).as_posix() for p in weight_files.SHIPPED.rglob("*.json")}
+WEIGHTS = "*.safetensors"
 PARTS = [part for name in running.BENCHMARKS for part in running.benchmark(name).parts]
 TOLERANCE = 1e-4
 """Metres between a stored score and one of another processor: float32 forecasts add up in another order."""
@@ -119,28 +121,34 @@ def test_a_row_is_left_out_and_named_where_a_run_is_missing(tmp_path, monkeypatc
     assert "linear" not in rows and "constant_velocity" in rows
 
 
-@pytest.mark.parametrize("path", sorted(weight_files.SHIPPED.rglob("*.safetensors")), ids=lambda path: path.stem)
-def test_shipped_weights_forecast_better_than_standing_still(path, eth_ucy):
-    _, card = weight_files.read(path)
-    assert card["seeds"] == [0, 1, 2, 3, 4] and "validation windows of the sources" in card["selection"]
-    plan = training_plans.training(path.parent.relative_to(weight_files.SHIPPED).as_posix())
+@pytest.mark.parametrize("name", sorted(n for n in WITH_WEIGHTS if any((weight_files.SHIPPED / n).glob(WEIGHTS))))
+def test_shipped_weights_forecast_better_than_standing_still(name, eth_ucy):
+    plan = training_plans.training(name)
     train, validation = small(plan).data()
-    # What they were trained and selected on is the data that is here; of traffic only a part is simulated.
-    sets = (("train", train), ("validation", validation)) if small(plan) is plan else ()
-    for name, truths in sets:
-        used = card["training"][name]
-        first = [pick_scenes(truth, slice(0, part["scenes"])) for truth, part in zip(truths, used, strict=True)]
-        assert used == [digest(truth) for truth in first]
-        most = 2 * plan.options_of(catalog.predictor(card["predictor"])).get("most", 9000)
-        assert all(len(part.future) in (len(truth.future), most) for part, truth in zip(first, truths, strict=True))
-    assert card["trained_on"] == plan.names()
-    for name, value in plan.options_of(catalog.predictor(card["predictor"])).items():
-        if name == "most":
-            continue  # the digests of the data show it
-        # What is turned off may be left out.
-        assert (card["training"].get(name) or None) == ((list(value) if name == "epochs" else value) or None)
-    still = [score(StandStill().predict(truth.observation), truth)["ADE"] for truth in validation]
-    assert max(card["validation_ade"]) < 0.9 * np.concatenate(still).mean()
+
+    @functools.cache
+    def first(kind, number, scenes):
+        return digest(pick_scenes({"train": train, "validation": validation}[kind][number], slice(0, scenes)))
+
+    still = np.concatenate([score(StandStill().predict(t.observation), t)["ADE"] for t in validation]).mean()
+    for path in sorted((weight_files.SHIPPED / name).glob(WEIGHTS)):
+        _, card = weight_files.read(path)
+        assert card["seeds"] == [0, 1, 2, 3, 4] and "validation windows of the sources" in card["selection"], path
+        options = plan.options_of(catalog.predictor(card["predictor"]))
+        # What they were trained and selected on is the data that is here; of traffic only a part is simulated.
+        for kind, truths in (("train", train), ("validation", validation)) if small(plan) is plan else ():
+            used = card["training"][kind]
+            assert used == [first(kind, number, part["scenes"]) for number, part in enumerate(used)], path
+            most = 2 * options.get("most", 9000)
+            assert all(p["agent_windows"] in (len(t.future), most) for p, t in zip(used, truths, strict=True)), path
+        assert card["trained_on"] == plan.names(), path
+        for option, value in options.items():
+            if option == "most":
+                continue  # the digests of the data show it
+            # What is turned off may be left out.
+            stated = card["training"].get(option) or None
+            assert stated == ((list(value) if option == "epochs" else value) or None), (path, option)
+        assert max(card["validation_ade"]) < 0.9 * still, path
 
 
 def test_what_to_do_is_said_once():
