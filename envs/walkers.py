@@ -10,12 +10,13 @@ from motion_gym.specs import number, whole_number
 
 
 class Walkers(RecordedDomain):
-    """People who walk side by side at a constant speed, straight on or along an arc; simulated.
+    """People who walk at a constant speed, straight on or along an arc, alone or in company; simulated.
 
     ## Description
-    Each scene has 20 steps of 0.4 s and a heading of its own, uniform over all directions. Its people walk abreast, and
-    do not react to each other. With ``turn`` each scene turns left or right, with equal probability. Each recorded
-    coordinate has an error of the annotation from N(0, noise^2), which is independent over steps and people.
+    Each scene has 20 steps of 0.4 s and a first heading of its own, uniform over all directions. Its people start side
+    by side, follow the same path, and do not react to each other. With ``turn`` all people of a scene turn left, or
+    all turn right, with equal probability. Each recorded coordinate has an error of the annotation from N(0, noise^2),
+    which is independent over steps and people.
 
     Nothing here has to be learned: without noise the error of constant velocity is zero on straight paths. A forecaster
     that fails here extrapolates beyond what it was trained on, as to people who are alone, far apart, or fast.
@@ -29,10 +30,10 @@ class Walkers(RecordedDomain):
     ## Arguments
     Args:
         people: People of a scene, 1 to 50.
-        gap: Distance between neighbours, metres, > 0.
-        speed: Speed of everyone, m/s, 0 or more.
+        gap: Distance between neighbours, metres, > 0 and at most 1000.
+        speed: Speed of everyone, m/s, 0 to 100.
         turn: Change of the heading, degrees per second, 0 to 180; 0 for straight paths.
-        noise: Standard deviation of the annotation error along each axis, metres, 0 or more.
+        noise: Standard deviation of the annotation error along each axis, metres, 0 to 100.
         scenes: Number of scenes in each split.
         seed: Seed of all random values, 0 or more.
 
@@ -58,7 +59,7 @@ class Walkers(RecordedDomain):
     ):
         owner = f"domain `{self.name}`"
         self.people = whole_number("people", people, 1, 50)
-        self.gap = number("gap", gap, 0.01, 1000, owner=owner)
+        self.gap = number("gap", gap, 0, 1000, above=True, owner=owner)
         self.speed = number("speed", speed, 0, 100, owner=owner)
         self.turn = number("turn", turn, 0, 180, owner=owner)
         self.noise = number("noise", noise, 0, 100, owner=owner)
@@ -71,7 +72,7 @@ class Walkers(RecordedDomain):
         rng = np.random.default_rng([self.seed, self.splits.index(split)])
         heading = rng.uniform(0, 2 * np.pi, (self.scenes, 1, 1))
         turn = np.deg2rad(self.turn) * self.dt * rng.choice([-1, 1], (self.scenes, 1, 1))
-        steps = np.arange(WINDOW).reshape(1, WINDOW, 1)
+        steps = np.arange(-1, WINDOW - 1).reshape(1, WINDOW, 1)  # the first observed step has the first heading
         path = self.speed * self.dt * np.cumsum(_unit(heading + turn * steps), axis=1)
         aside = self.gap * np.arange(self.people)[:, None] * _unit(heading + np.pi / 2)
         xy = (

@@ -119,13 +119,14 @@ def load_class(target: str, kind: str = "object") -> type:
     return loaded  # type: ignore[no-any-return]
 
 
-def load_object(target: str, kind: str, wanted: type = type) -> Any:
+def load_object(target: str, kind: str, wanted: tuple[type, ...] = (type,)) -> Any:
     """Import ``module:OBJECT``.
 
     Args:
         target: The module and the object.
         kind: What the object is, for messages.
-        wanted: Its type; objects of the module that have it are named if there is no such object.
+        wanted: Its possible types; objects of the module that have one are named if there is no such object. ``type``
+            stands for classes.
 
     Raises:
         SpecError: There is no such module or object.
@@ -133,9 +134,10 @@ def load_object(target: str, kind: str, wanted: type = type) -> Any:
     module_name, _, name = target.partition(":")
     is_file = module_name.endswith(".py") and os.path.isfile(module_name)
     if is_file or not all(part.isidentifier() for part in (*module_name.split("."), name)):
-        if hint := class_hint(target, None if wanted is type else wanted.__name__):
+        made_by = next((each.__name__ for each in wanted if each is not type), None)
+        if hint := class_hint(target, made_by, type in wanted):
             raise SpecError(f"`{target}` is no {kind}.{hint}")
-        example = "module:Class`, as in `my_package.my_module:MyClass" if wanted is type else "module:OBJECT"
+        example = "module:Class`, as in `my_package.my_module:MyClass" if type in wanted else "module:OBJECT"
         raise SpecError(f"`{target}` is no {kind}: write `{example}`.")
     try:
         module = importlib.import_module(module_name)
@@ -160,7 +162,7 @@ def load_object(target: str, kind: str, wanted: type = type) -> Any:
         ) from error
     if not hasattr(module, name):
         others = {other: value for other, value in vars(module).items() if isinstance(value, wanted)}
-        own = [other for other, value in others.items() if wanted is not type or value.__module__ == module_name]
+        own = [o for o, value in others.items() if not isinstance(value, type) or value.__module__ == module_name]
         raise SpecError(f"Module `{module_name}` has no `{name}`.{suggest(name, own or others)}")
     return getattr(module, name)
 

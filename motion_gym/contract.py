@@ -63,6 +63,9 @@ _LIBRARIES = tuple(
     for folder in (Path(__file__).parent, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
 )
 
+_GENERATED = ("<frozen", "<string>", "<__")
+"""Beginnings of the names of code that has no file: of Python, of dataclasses, of compilers."""
+
 
 def raised_at(error: BaseException) -> str:
     """File and line of users' code that raised an exception, or that called the library which did.
@@ -71,8 +74,8 @@ def raised_at(error: BaseException) -> str:
         `` (file.py, line 3)``; empty if only this package raised, as where it called a method with other arguments.
     """
     frames = traceback.extract_tb(error.__traceback__)
-    last = next((f for f in reversed(frames) if not f.filename.startswith((*_LIBRARIES, "<"))), frames[-1])
-    ours = last.filename.startswith((_LIBRARIES[0], "<"))
+    last = next((f for f in reversed(frames) if not f.filename.startswith((*_LIBRARIES, *_GENERATED))), frames[-1])
+    ours = last.filename.startswith((_LIBRARIES[0], *_GENERATED))
     return "" if ours else f" ({Path(last.filename).name}, line {last.lineno})"
 
 

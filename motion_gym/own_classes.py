@@ -7,18 +7,19 @@ import os
 import re
 from pathlib import Path
 
-CALL = re.compile(r"([\w./]+):+([A-Z]\w*)(?:,(.*=.*)|\((.*=.*)?\))?", re.DOTALL)
-"""A class, in capitals, whose parameters follow a comma or are in parentheses, or a class after two colons."""
+CALL = re.compile(r"([\w./]+):+([A-Za-z_]\w*)(?:,(.*=.*)|\((.*=.*)?\))?", re.DOTALL)
+"""A class whose parameters follow a comma or are in parentheses, or a class after two colons."""
 
 
-def class_hint(name: str, made_by: str | None = None) -> str:
-    """Sentence for an unknown name that is a Python file, its module or its class; empty for other names.
+def class_hint(name: str, made_by: str | None = None, classes: bool = True) -> str:
+    """Sentence for an unknown name that is a Python file, its module or an object of it; empty for other names.
 
     The file is parsed, not run.
 
     Args:
         name: ``steady``, ``steady.Damped``, ``steady.py`` or ``steady.py:Damped``.
-        made_by: Class of the object that is looked for; None for a class itself.
+        made_by: Name of a class whose objects are looked for; None to look for none.
+        classes: Whether classes themselves are looked for.
     """
     module, _, class_name = name.partition(":")
     file = module if module.endswith(".py") else f"{module.replace('.', '/')}.py"
@@ -26,13 +27,12 @@ def class_hint(name: str, made_by: str | None = None) -> str:
     if class_name:
         return f" Write `{dotted}:{class_name}`, without .py{elsewhere}." if file == module else ""
     if os.path.isfile(file):
-        choice = " or ".join(
-            f"`{dotted}:{known}`" for known in _names_in(file, made_by) or ["OBJECT" if made_by else "Class"]
-        )
+        names = _names_in(file, made_by, classes) or ["Class" if classes else "OBJECT"]
+        choice = " or ".join(f"`{dotted}:{known}`" for known in names)
         return f" {file} is here: write {choice}{elsewhere}."
     package, _, class_name = module.rpartition(".")
     file = f"{package.replace('.', '/')}.py"
-    return f" Did you mean `{package}:{class_name}`?" if class_name in _names_in(file, made_by) else ""
+    return f" Did you mean `{package}:{class_name}`?" if class_name in _names_in(file, made_by, classes) else ""
 
 
 def call_hint(spec: str) -> str | None:
@@ -56,15 +56,14 @@ def _module_of(file: str) -> tuple[str, str]:
     return ".".join(path.relative_to(folder).with_suffix("").parts), missing
 
 
-def _names_in(file: str, made_by: str | None) -> list[str]:
-    """The public classes of a file, or its objects of a class; none if the file cannot be read or parsed."""
+def _names_in(file: str, made_by: str | None, classes: bool) -> list[str]:
+    """The public objects of a class and classes of a file; none if the file cannot be read or parsed."""
     try:
         nodes = ast.parse(Path(file).read_bytes()).body
     except (OSError, SyntaxError, ValueError):
         return []
-    names = [node.name for node in nodes if isinstance(node, ast.ClassDef)]
-    if made_by:
-        made = ((node.targets[0], node.value) for node in nodes if isinstance(node, ast.Assign))
-        calls = ((target, value.func) for target, value in made if isinstance(value, ast.Call))
-        names = [ast.unparse(target) for target, maker in calls if ast.unparse(maker).rpartition(".")[2] == made_by]
+    assigned = ((node.targets[0], node.value) for node in nodes if isinstance(node, ast.Assign))
+    calls = ((target, value.func) for target, value in assigned if isinstance(value, ast.Call))
+    names = [ast.unparse(target) for target, maker in calls if ast.unparse(maker).rpartition(".")[2] == made_by]
+    names += [node.name for node in nodes if isinstance(node, ast.ClassDef) and classes]
     return [name for name in names if not name.startswith("_")]

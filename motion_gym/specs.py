@@ -20,6 +20,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from motion_gym.contract import SpecError
+from motion_gym.names import ADAPTERS, DOMAINS, PREDICTORS
 from motion_gym.own_classes import call_hint
 
 _PARAMETER = re.compile(
@@ -90,7 +91,7 @@ def _parsed(spec: str) -> tuple[str, dict[str, Any]]:
             if head.strip() == "tracks" and file and "path" not in parameters:
                 with_path = f"{head}:{text[:at]}path={text[at:]}"
                 raise SpecError(f"`{part}` in `{spec}` is not a parameter. Write `{with_path}`.")
-            if meant := call_hint(spec):
+            if head.strip() not in (*DOMAINS, *PREDICTORS, *ADAPTERS) and (meant := call_hint(spec)):
                 raise SpecError(f"`{part}` in `{spec}` is not a parameter. Write `{meant}`.")
             raise SpecError(
                 f"`{text[at:].split(',')[0]}` in `{spec}` is not a parameter. Write `name:key=value,key=value`, as in "

@@ -67,7 +67,8 @@ class EgoModular(EgoErm):
     forecast describes how agents who keep this distance leave their undisturbed courses, and is a polynomial in the
     distance; before any scene is observed, the forecast is that of a network without a style. The model assumes that
     styles are distances, that the first observed steps are undisturbed, and that the effects of neighbours add up. In
-    crowds, where they do not, it is worse than ``ego_erm`` and constant velocity.
+    crowds, where they do not, it is worse than ``ego_erm`` and constant velocity. A distance above three times the mean
+    of training is taken for this bound.
 
     Args:
         weights: See ``Weighted``.

@@ -117,10 +117,12 @@ class Weighted:
         name, then with the most equal parameters, then the first. Sets of a simulated domain are taken for that domain
         alone. The first of ``sets`` is taken if there is none, with a warning if all are of other simulated domains.
         """
+        if self.tensors is not None:
+            return
         worlds = {domain.world for domain in domains if not _is_simulated(domain)}
         alike: dict[str, tuple[bool, int]] = {}
         unlike: dict[str, list[str]] = {}
-        for name in self.sets if self.tensors is None else ():
+        for name in self.sets:
             with contextlib.suppress(PredictorError):  # these settings have no such weights
                 trained_on = read_card(shipped(name, self.name))["trained_on"]
                 sources = [catalog.domain(source) for source in trained_on]
@@ -129,12 +131,12 @@ class Weighted:
                     unlike[name] = trained_on
                 elif worlds.isdisjoint(source.world for source in sources):
                     alike[name] = likeness
-        self.chosen = max(alike, key=lambda name: alike[name], default=self.chosen)
+        self.chosen = max(alike, key=lambda name: alike[name], default=self.sets[0])
         if self.chosen in unlike:
             warnings.warn(
                 f"{self.name} was not trained on data like `{domains[0].card.name}`: its weights `{self.chosen}` were "
                 f"trained on {', '.join(unlike[self.chosen])} and may fail here. Train it on such data "
-                "(`motion-gym train`), or take a predictor with weights for it, such as kalman_residual for people.",
+                "(`motion-gym train`), or take a predictor with weights for it.",
                 stacklevel=2,
             )
 

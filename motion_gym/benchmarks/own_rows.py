@@ -54,7 +54,6 @@ def add(results: Results, predictors: Sequence[Any], adapters: Sequence[Any], of
         adapters: Specs or classes of adapters.
         of: Predictor that the adapters are put around; by default the one of each of the shifts.
         session: Name of the command.
-
     """
     jobs = [job for predictor in predictors for job in _predictor_jobs(results, predictor, session)]
     jobs += [job for adapter in adapters for job in _adapter_jobs(results, adapter, of, session)]
@@ -250,7 +249,8 @@ def comparison_tables(results: Results) -> dict[str, Table]:
             rows.setdefault(title, {})[row, column] = [Code(row), column, *cells]
     paired = (
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
-        "than the shipped row; p is two-sided, by the same replicates (10000, or 1000 whose smallest p is .002), "
+        "than the shipped row; p is two-sided, by the same replicates (10,000; from 1,000 agents on 1,000, whose "
+        "smallest p is .002), "
         "and not corrected for the number of rows"
     )
     of_windows = (

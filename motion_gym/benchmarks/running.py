@@ -102,18 +102,22 @@ def benchmark(name: str | Benchmark) -> Benchmark:
     Raises:
         SpecError: no benchmark has that name.
     """
-    if isinstance(name, Benchmark):
-        return name
+    value = name if isinstance(name, Benchmark) else _named(name)
+    if value.name in BENCHMARKS and name != value.name and value != benchmark(value.name):
+        raise SpecError(f"Your benchmark has the name `{value.name}` of a shipped one: give it another name.")
+    return value
+
+
+def _named(name: str) -> Benchmark:
     if name not in BENCHMARKS and ":" not in name:
-        hint = class_hint(name, Benchmark.__name__) or f"{catalog.suggest(name, BENCHMARKS)} Your own: `module:OBJECT`."
+        hint = class_hint(name, Benchmark.__name__, classes=False)
+        hint = hint or f"{catalog.suggest(name, BENCHMARKS)} Your own: `module:OBJECT`."
         raise SpecError(f"There is no benchmark `{name}`.{hint}")
-    value = catalog.load_object(BENCHMARKS.get(name, name), "benchmark", Benchmark)
+    value = catalog.load_object(BENCHMARKS.get(name, name), "benchmark", (Benchmark,))
     if callable(value):
         value = value()
     if not isinstance(value, Benchmark):
         raise SpecError(f"`{name}` is a {type(value).__name__}: make it a motion_gym.benchmarks.objects.Benchmark.")
-    if name not in BENCHMARKS and value.name in BENCHMARKS:
-        raise SpecError(f"`{name}` has the name `{value.name}` of a shipped benchmark: give it another name.")
     return value
 
 

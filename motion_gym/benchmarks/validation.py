@@ -73,8 +73,8 @@ def _parsed(content: Callable[[], bytes]) -> Any:
         return error
 
 
-MEASURED = {"provenance", "seconds", "peak_memory", "realtime", "cost", "update_seconds", "tick_seconds"}
-"""Keys whose values differ where a run is computed again."""
+SCORES = ("metrics", "horizon", "ade", "fde", "value")
+"""Keys of scores, which are the same where a run is computed again."""
 
 
 def validate(
@@ -103,7 +103,7 @@ def validate(
     for run in sound:
         identity = run["identity"]
         first = asked.setdefault(f"{question(identity)} {identity.get('session')}", run)
-        if any(first.get(key) != run.get(key) for key in {*first, *run} - MEASURED):
+        if not all(_same(first.get(key), run.get(key)) for key in SCORES):
             findings.append(Finding(_name(run), MISMATCH, "the same run is there twice, with other values"))
     findings += [finding for run in sound for finding in _compare_identity(run)]
     own = [run for run in sound if _is_own(run)]
@@ -122,6 +122,17 @@ def validate(
     if rest > 0:
         findings.append(Finding(f"{rest} other runs", FINE, "form, versions and digests; not computed again"))
     return findings
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two values of JSON have the same form and text, and the same numbers to ``TOLERANCE``."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
+        return abs(one - other) <= TOLERANCE * max(1, abs(one))
+    return bool(one == other)
 
 
 def _is_own(run: Mapping[str, Any]) -> bool:

@@ -43,7 +43,7 @@ def explanations(name: str) -> list[dict[str, str]]:
     found = [*_classes(name), *_others(name)]
     if not found:
         known = {*BENCHMARKS, *PROTOCOLS, *DATASETS, *(metric.name for metric in METRICS)}.union(*CLASSES.values())
-        hint = class_hint(name) or f"{catalog.suggest(name, known)} Your own: `module:Class`."
+        hint = class_hint(name, Benchmark.__name__) or f"{catalog.suggest(name, known)} Your own: `module:Class`."
         raise SpecError(f"There is nothing of the name `{name}`.{hint}")
     keys = ("kind", "name", "signature", "description")
     return [dict(zip(keys, values, strict=True)) for values in found]
@@ -52,11 +52,11 @@ def explanations(name: str) -> list[dict[str, str]]:
 def _classes(name: str) -> Iterator[tuple[str, str, str, str]]:
     target, _ = catalog.parse_spec(name)
     if ":" in target:
-        loaded = catalog.load_object(target, "object")
+        loaded = catalog.load_object(target, "class or benchmark", (type, Benchmark))
         if isinstance(loaded, Benchmark):
             yield "benchmark", name, "", _described(loaded, name)
         else:
-            loaded = catalog.load_class(target)
+            loaded = catalog.load_class(target)  # says what is no class
             yield "class", name, signature(loaded), documentation(loaded)
     entries = {kind: table[target] for kind, table in CLASSES.items() if target in table}
     for entry in {id(entry): entry for entry in entries.values()}.values():
@@ -138,7 +138,7 @@ def _described(shown: Benchmark, name: str) -> str:
     tables: list[tuple[str, Sequence[str], Sequence[str]]] = [
         (
             part.title,
-            [name if name == spec else f"{name} ({spec})" for name, spec in part.domains.items()],
+            [column if column == spec else f"{column} ({spec})" for column, spec in part.domains.items()],
             [*part.plain, *part.trained, *(row.name for row in part.external)],
         )
         for part in shown.parts

@@ -7,6 +7,7 @@ import importlib.metadata
 import io
 import os
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -85,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except MotionGymError as error:
         _fail(str(error))
-    except Stopped as stop:
+    except KeyboardInterrupt as stop:
         kept = "--out" in arguments or arguments[0] in ("run", "train")
         go_on = (
             " What is finished is kept, of a training its last checkpoint if it had one: the same command with "
@@ -94,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             else ""
         )
         _print(f"Stopped.{go_on if arguments[0] in RESUMED else ''}")
-        sys.exit(128 + stop.number)
+        sys.exit(128 + (stop.number if isinstance(stop, Stopped) else signal.SIGINT))
     except BrokenPipeError:
         os._exit(0)  # the reader of the output has ended
     except Exception as error:

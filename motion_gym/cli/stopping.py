@@ -33,7 +33,9 @@ def _stop(number: int, frame: FrameType | None) -> None:
 def _stop_again(unraisable: "sys.UnraisableHookArgs") -> None:
     """Send the signal again if Python could not raise it: in a callback of a compiler, in ``__del__``."""
     if isinstance(unraisable.exc_value, Stopped):
-        again = threading.Timer(0.05, signal.raise_signal, (unraisable.exc_value.number,))
+        # To the main thread itself, which may be waiting.
+        main = threading.main_thread().ident
+        again = threading.Timer(0.05, signal.pthread_kill, (main, unraisable.exc_value.number))
         again.daemon = True
         again.start()
     else:

@@ -47,7 +47,8 @@ class ResidualProgram(Program):
         batch: Agents of a step.
         noise: Largest standard deviation of the noise, metres.
         scale: Largest absolute logarithm of the factor of a scene.
-        reach: Distance within which an agent is a neighbour, metres, in training and later; None for any distance.
+        reach: Distance within which an agent is a neighbour, metres; None for any distance. In training it is measured
+            before scenes are scaled.
         fast: Share of scenes that are enlarged.
         hidden: Share of agents who see only their n nearest neighbours, for a random n from 0 to 5.
         squared: Train on the mean squared distance in place of the mean distance.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,15 @@ def test_weights_of_another_simulation_are_not_used_without_a_warning(spec):
     predictor = mg.predictor(spec)
     with pytest.warns(UserWarning, match=rf"{spec} was not trained on data like `walkers`.*orca:.*motion-gym train"):
         predictor.choose_weights([mg.domain("walkers")])
+
+
+def test_an_earlier_choice_is_forgotten():
+    predictor = mg.predictor("ego_erm")
+    for place, chosen in (("highway", "vehicles"), ("walkers", "style"), ("orca:agents=10", "style/crowd")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            predictor.choose_weights([mg.domain(place)])
+        assert predictor.chosen == chosen
 
 
 @pytest.mark.parametrize(

@@ -204,7 +204,7 @@ WALKERS = {
     "two, 50 m apart": "walkers:people=2,gap=50",
     "six, 1 m apart": "walkers:people=6,gap=1",
 }
-"""People who walk straight on: alone, at a speed; or in company. Without a noise it is 0.02 m."""
+"""People who walk straight on: alone, at a speed; or in company, at 1.3 m/s. The noise is 0.02 m unless named."""
 WALKED = {
     "original/all": ("at all places of ETH-UCY", (FORECASTER,)),
     "original/hotel": ("at four places of ETH-UCY", ("erm_no_sigma",)),
@@ -226,7 +226,7 @@ ELSEWHERE = Benchmark(
         ),
         *(
             Part(
-                f"Trained {where}, tested on people who walk straight on, simulated with noise of 0.02 m",
+                f"Trained {where}, tested on simulated people who walk straight on; noise 0.02 m unless named",
                 WALKERS,
                 FILTERS,
                 rows,
