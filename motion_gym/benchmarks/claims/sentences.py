@@ -193,6 +193,15 @@ TESTS: Mapping[str, Mapping[str, Test]] = {
     },
     "style": {
         "A style lowers the mean error at every d": mean(["modular"], ["style_erm"]),
+        "At the distances of training kalman_residual is within 50 % of the mean error of ego_erm": mean(
+            ["kalman_residual"], ["ego_erm"], ["0.1", "0.3", "0.5"], ratio=(0.5, 1.5)
+        ),
+        "Between them, at d = 0.2, kalman_residual has a lower error than ego_erm": lower(
+            ["kalman_residual"], ["ego_erm"], ["0.2"]
+        ),
+        "Beyond them ego_erm has a lower mean error than kalman_residual, by 35 % or more": mean(
+            ["ego_erm"], ["kalman_residual"], ["0.6", "0.7", "0.8"], ratio=(0, 0.65)
+        ),
         "In each agent's own frame a style lowers the mean error at every d": mean(["ego_modular"], ["ego_erm"]),
         "Without reference scenes, modular is no better than style_erm out of distribution": lower(
             ["modular"], ["style_erm"], ["0.4, 0 references", "0.6, 0 references"], panel="references", where=NOWHERE
