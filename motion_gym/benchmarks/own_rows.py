@@ -23,7 +23,13 @@ from motion_gym.benchmarks.row_specs import with_parameters
 from motion_gym.benchmarks.running import Results
 from motion_gym.benchmarks.store import Run
 from motion_gym.contract import SpecError
-from motion_gym.metrics.bootstrap import clustered_interval, paired_difference
+from motion_gym.metrics.bootstrap import (
+    FEWER_REPLICATES,
+    MANY_CLUSTERS,
+    REPLICATES,
+    clustered_interval,
+    paired_difference,
+)
 from motion_gym.scoring.cards import in_json
 from motion_gym.stepping.harness import is_fitted_here, ready
 
@@ -249,9 +255,9 @@ def comparison_tables(results: Results) -> dict[str, Table]:
             rows.setdefault(title, {})[row, column] = [Code(row), column, *cells]
     paired = (
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
-        "than the shipped row; p is two-sided, by the same replicates (10,000; from 1,000 agents on 1,000, whose "
-        "smallest p is .002), "
-        "and not corrected for the number of rows"
+        f"than the shipped row; p is two-sided, by the same replicates ({REPLICATES:,}; {FEWER_REPLICATES:,} from "
+        f"{MANY_CLUSTERS:,} agents on, whose smallest p is {2 / FEWER_REPLICATES:g}), and not corrected for the number of "
+        "rows"
     )
     of_windows = (
         "the new row, mean over seeds, against the named seed of the best shipped row; oracles, external programs and "
