@@ -256,7 +256,7 @@ def comparison_tables(results: Results) -> dict[str, Table]:
     paired = (
         "differences in ADE are paired by forecast, with 95 % intervals by bootstrap of whole agents; negative: better "
         f"than the shipped row; p is two-sided, by the same replicates ({REPLICATES:,}; {FEWER_REPLICATES:,} from "
-        f"{MANY_CLUSTERS:,} agents on, whose smallest p is {2 / FEWER_REPLICATES:g}), not corrected for the number of rows"
+        f"{MANY_CLUSTERS:,} agents on, whose smallest p is {2 / FEWER_REPLICATES:g}), not corrected for several rows"
     )
     of_windows = (
         "the new row, mean over seeds, against the named seed of the best shipped row; oracles, external programs and "
