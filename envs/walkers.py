@@ -18,8 +18,9 @@ class Walkers(RecordedDomain):
     all turn right, with equal probability. Each recorded coordinate has an error of the annotation from N(0, noise^2),
     which is independent over steps and people.
 
-    Nothing here has to be learned: without noise the error of constant velocity is zero on straight paths. A forecaster
-    that fails here extrapolates beyond what it was trained on, as to people who are alone, far apart, or fast.
+    Nothing here has to be learned: without noise the error of constant velocity is zero on straight paths, but for
+    the rounding of observations to float32. A forecaster that fails here extrapolates beyond what it was trained on, as
+    to people who are alone, far apart, or fast.
 
     ## Observation
     x and y in metres; a scene starts near the origin.
@@ -30,7 +31,7 @@ class Walkers(RecordedDomain):
     ## Arguments
     Args:
         people: People of a scene, 1 to 50.
-        gap: Distance between neighbours, metres, > 0 and at most 1000.
+        gap: Distance between neighbours, metres, > 0 and at most 200.
         speed: Speed of everyone, m/s, 0 to 100.
         turn: Change of the heading, degrees per second, 0 to 180; 0 for straight paths.
         noise: Standard deviation of the annotation error along each axis, metres, 0 to 100.
@@ -59,7 +60,7 @@ class Walkers(RecordedDomain):
     ):
         owner = f"domain `{self.name}`"
         self.people = whole_number("people", people, 1, 50)
-        self.gap = number("gap", gap, 0, 1000, above=True, owner=owner)
+        self.gap = number("gap", gap, 0, 200, above=True, owner=owner)
         self.speed = number("speed", speed, 0, 100, owner=owner)
         self.turn = number("turn", turn, 0, 180, owner=owner)
         self.noise = number("noise", noise, 0, 100, owner=owner)

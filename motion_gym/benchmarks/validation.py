@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from motion_gym import catalog
+from motion_gym.benchmarks.contradictions import TOLERANCE, contradiction_in
 from motion_gym.benchmarks.identity import (
     OPTIONS,
     SCORING_VERSION,
@@ -23,8 +24,6 @@ from motion_gym.benchmarks.json_schema import json_schema
 from motion_gym.benchmarks.store import parse
 from motion_gym.contract import DataError, MotionGymError
 
-TOLERANCE = 1e-3
-"""Largest difference of a mean, in the unit of the domain, between a stored and a computed score: processors differ."""
 MISMATCH, UNSURE, FINE = "wrong", "not checked", "fine"
 Report = Callable[[int, int, str], None]
 
@@ -51,11 +50,13 @@ def read(path: Path) -> list[Any]:
         DataError: there is nothing to read.
     """
     if path.is_dir():
-        contents = [_parsed(each.read_bytes) for each in sorted(path.rglob("*.json"))]
+        contents = [_parsed(each.read_bytes) for each in sorted(path.rglob("*.json")) if each.is_file()]
         contents += [run for each in sorted(path.rglob("*.jsonl.xz")) for run in read(each)]
         if not contents:
             raise DataError(f"{path} has no results: name a folder that `motion-gym run --out` or `score --out` wrote.")
         return contents
+    if path.exists() and not path.is_file():
+        raise DataError(f"{path} is no file that holds results. Name a .json, a .jsonl.xz or a folder of results.")
     try:
         data = path.read_bytes()
         if path.name.endswith(".xz"):
@@ -167,28 +168,7 @@ def _problem(run: Any, checks: Mapping[str, Any]) -> str:
         return f"`{place}`: {error.message[:200]}" if place else error.message[:200]
     if identity["scoring_version"] != SCORING_VERSION:
         return f"scoring version {identity['scoring_version']}, and this is {SCORING_VERSION}: score it again"
-    return _impossible(run)
-
-
-def _impossible(run: Mapping[str, Any]) -> str:
-    """Numbers that no computation gives: means outside their interval, negative errors, counts that do not fit."""
-    summaries = dict(run.get("metrics", {})) or {key: run[key] for key in ("ade", "fde") if key in run}
-    for name, value in summaries.items():
-        mean, low, high = (value.get(key) for key in ("mean", "low", "high"))
-        if mean is not None and low is not None and high is not None and not low - 1e-9 <= mean <= high + 1e-9:
-            return f"{name} {mean:.4g} lies outside its interval [{low:.4g}, {high:.4g}]"
-        if mean is not None and mean < 0 and name.lower() in ("ade", "fde"):
-            return f"{name} {mean:.4g} is negative, and an error is a distance"
-        if value.get("agent_windows", 1) < value.get("agents", 0):
-            return f"{name} has {value['agents']} agents in {value['agent_windows']} agent-windows"
-    if run["identity"]["kind"] == "windows":
-        if run["identity"]["predictor"] != run["predictor"]:
-            return f"its predictor is {run['predictor']}, and {run['identity']['predictor']} in its identity"
-        mean = float(np.mean(run["horizon"])) if run["horizon"] and None not in run["horizon"] else None
-        stored = summaries["ADE"]["mean"]
-        if mean is not None and stored is not None and run["reference_draws"] == 1 and abs(mean - stored) > TOLERANCE:
-            return f"its error by horizon has the mean {mean:.4f}, and its ADE is {stored:.4f}"
-    return ""
+    return contradiction_in(run)
 
 
 def _compare_identity(run: Mapping[str, Any]) -> Iterator[Finding]:
@@ -201,6 +181,11 @@ def _compare_identity(run: Mapping[str, Any]) -> Iterator[Finding]:
         here = canonical(windows_identity(stored["predictor"], catalog.domain(stored["domain"]), **options))
     except MotionGymError as error:
         yield Finding(_name(run), UNSURE, str(error))
+        return
+    known = catalog.domain(stored["domain"]).parameters  # type: ignore[attr-defined]
+    stated = {key: value for key, value in run["domain"]["parameters"].items() if value is not None}
+    if any(canonical(known).get(key) != value for key, value in stated.items()):
+        yield Finding(_name(run), MISMATCH, "its domain has other parameters than its identity")
         return
     for part, name in (("versions", "version"), ("weights", "digest of the weights"), ("data", "digest of the data")):
         for key, value in stored.get(part, {}).items():
@@ -218,6 +203,10 @@ def _compute_again(run: Mapping[str, Any]) -> Finding:
         card = evaluate(identity["predictor"], identity["domain"], reference_draws=run["reference_draws"], **options)
     except MotionGymError as error:
         return Finding(_name(run), UNSURE, f"it could not be computed again: {error}")
+    said = canonical(card.as_dict())
+    for name in ("spec", "oracle", "leaks", "selection", "scored"):
+        if run[name] != said[name]:
+            return Finding(_name(run), MISMATCH, f"its {name} is {said[name]!r} here, and {run[name]!r} there")
     for name in ("ADE", "FDE"):
         stored, computed = run["metrics"][name]["mean"], card.metrics[name].mean
         if stored is None or abs(stored - computed) > TOLERANCE:

@@ -71,8 +71,10 @@ def _say_what_is_not_shown(results: Path) -> None:
     if others:
         names = ", ".join(f"`{name}`" for name in others)
         say(f"Not shown, as the page has the shipped benchmarks alone: {names}. `motion-gym run` writes their tables.")
-    if _runs_in(results):
+    if _runs_in(results) and results.absolute().name in BENCHMARKS:
         say(f"The runs in {results} itself are not shown: name the folder above it, {results.absolute().parent}.")
+    elif _runs_in(results):
+        say(f"The runs in {results} itself, as of `motion-gym score`, are of no shipped benchmark, and are not shown.")
 
 
 def _runs_in(folder: Path) -> bool:

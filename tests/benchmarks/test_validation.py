@@ -70,9 +70,25 @@ def test_the_schema_is_one(run):
         (lambda run: run["metrics"].pop("FDE"), "FDE"),
         (lambda run: run["identity"].update(scoring_version=1), "scoring version 1"),
         (lambda run: run["identity"]["versions"].update(constant_velocity=7), "version of constant_velocity"),
-        (lambda run: run["identity"].update(predictor="linear"), "in its identity"),
+        (lambda run: run["identity"].update(predictor="linear"), "`identity.predictor`"),
         (lambda run: run.pop("provenance"), "provenance"),
         (lambda run: run.update(horizon=[0.0] * 12), "by horizon"),
+        (lambda run: run["metrics"]["FDE"].update(mean=0.001, low=0.0), "by horizon"),
+        (lambda run: run["versus_baseline"]["ADE"].update(mean=-1.0), "outside its interval"),
+        (lambda run: run["versus_baseline"]["FDE"].update(p_value=2), "p-value"),
+        (lambda run: run["metrics"]["ADE"].update(agent_windows=5000), "its domain has"),
+        (lambda run: run["metrics"]["ADE"].update(replicates=1), "replicates"),
+        (lambda run: run.update(k=20), "its k is 20"),
+        (lambda run: run.update(protocol="paper"), "its protocol is"),
+        (lambda run: run.update(unit="cm"), "its unit is"),
+        (lambda run: run.update(dt=0.1), "its dt is"),
+        (lambda run: run.update(horizon_seconds=1.0), "its horizon is 1.0 s"),
+        (lambda run: run.update(seconds=-4), "it took -4 s"),
+        (lambda run: run["domain"]["parameters"].update(d=0.3), "other parameters"),
+        (lambda run: run.update(spec="orca:d=0.3"), "its spec is"),
+        (lambda run: run.update(oracle=True), "its oracle is"),
+        (lambda run: run.update(leaks=["x"]), "its leaks is"),
+        (lambda run: run.update(selection="the best"), "its selection is"),
     ],
 )
 def test_an_edited_run_is_wrong(run, edit, reason):
@@ -84,8 +100,9 @@ def test_an_edited_run_is_wrong(run, edit, reason):
 
 def test_a_consistent_lie_is_found_by_computing_again(run):
     changed = copy.deepcopy(run)
-    half = {key: value / 2 for key, value in run["metrics"]["ADE"].items() if key in ("mean", "low", "high")}
-    changed["metrics"]["ADE"].update(half)
+    for name in ("ADE", "FDE"):
+        half = {key: value / 2 for key, value in run["metrics"][name].items() if key in ("mean", "low", "high")}
+        changed["metrics"][name].update(half)
     changed["horizon"] = [value / 2 for value in run["horizon"]]
     (finding,) = validation.validate([changed])
     assert finding.verdict == validation.MISMATCH and "here" in finding.reason

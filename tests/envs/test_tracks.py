@@ -99,6 +99,15 @@ def test_every_unit(tmp_path, expected):
     assert "px" in str(card) and "MR_2m" not in card.metrics
 
 
+def test_ids_that_differ_only_in_zeros_are_not_taken_for_one_person(tmp_path):
+    rows = [(20 * k, ("1", "01")[k >= 30], 0.5 * k, 0.0) for k in range(60)]
+    path = write_rows(tmp_path / "zeros.csv", rows)
+    with pytest.raises(DataError, match=r"line 2: column 1 `id`, the id, is '1' here and '01' elsewhere"):
+        domain("tracks", path=path, fps=50).windows("test")
+    padded = write_rows(tmp_path / "padded.csv", [(f, {"1": "001", "01": "002"}[a], x, y) for f, a, x, y in rows])
+    assert domain("tracks", path=padded, fps=50, split="0 0 1").windows("test").observation.scenes == 22
+
+
 def test_a_rate_that_does_not_divide_gives_nearly_the_same(tmp_path):
     fine = walk_rows(people=6, frames=6000, every=1, fps=100.0)
     exact = ade(write_rows(tmp_path / "a.csv", fine), fps=100).mean

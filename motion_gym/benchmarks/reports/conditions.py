@@ -5,6 +5,7 @@ A result is a run in JSON types: the value of ``Scorecard.as_dict`` or ``OnlineC
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,8 @@ from motion_gym.benchmarks.reports.table import span
 from motion_gym.contract import FUTURE, DataError
 
 Result = Mapping[str, Any]
+SHARE = re.compile(r": (\d+) of the (\d+) agent-windows")
+"""The counts in ``Scorecard.scored``."""
 
 
 def unit_of(results: Iterable[Result]) -> str:
@@ -61,7 +64,20 @@ def scored(results: Sequence[Result]) -> str:
     windows, agents, scenes = (
         span(result["metrics"]["ADE"][name] for result in results) for name in ("agent_windows", "agents", "scenes")
     )
-    return f"means over {windows} agent-windows of {agents} agents in {scenes} scenes; {results[0]['scored']}"
+    return f"means over {windows} agent-windows of {agents} agents in {scenes} scenes; {_who(results)}"
+
+
+def _who(results: Sequence[Result]) -> str:
+    """Which agents are scored; the shares of the recordings' agent-windows in place of counts that differ."""
+    texts = list(dict.fromkeys(result["scored"] for result in results))
+    if len(texts) == 1:
+        return texts[0]
+    kinds = dict.fromkeys(text.partition(":")[0] for text in texts)
+    counts = [SHARE.search(text) for text in texts]
+    shares = [100 * int(count[1]) / int(count[2]) for count in counts if count]
+    least, most = f"{min(shares, default=0):.0f}", f"{max(shares, default=0):.0f}"
+    span_of = "all" if least == "100" else f"{least} %" if least == most else f"{least} to {most} %"
+    return " or ".join(kinds) + (f": {span_of} of the agent-windows of the recordings" if shares else "")
 
 
 def not_computed(results: Sequence[Result]) -> list[str]:

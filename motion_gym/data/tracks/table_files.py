@@ -104,8 +104,14 @@ def _text_table(path: Path, text: str, encoding: str, compression: str) -> Table
     )
 
 
+LEADING_ZERO = re.compile(r"(?:^|[\s,;|])[+-]?0\d", re.MULTILINE)
+"""A field such as 01, which may be another id than 1."""
+
+
 def _numeric_columns(lines: Sequence[str], delimiter: str) -> Sequence[np.ndarray] | None:
-    """[R] float64 for each column, by numpy's parser, which is fast; None if a field is no number that it can hold."""
+    """[R] float64 for each column, by numpy's parser, which is fast; None if a field is more than such a number."""
+    if LEADING_ZERO.search("\n".join(lines)):
+        return None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -219,8 +219,24 @@ def _identities(table: Table, columns: Columns) -> tuple[np.ndarray, np.ndarray]
                     "If it is the time, say so with `columns`, as columns='id time x y' or columns='1 0 2 3'.",
                 )
         whole = np.array(texts)
+    elif not isinstance(table.columns[columns.agent], np.ndarray):
+        _refuse_two_spellings(table, columns.agent, whole)
     names, codes = np.unique(whole, return_inverse=True)
     return codes.reshape(-1), names
+
+
+def _refuse_two_spellings(table: Table, column: int, whole: np.ndarray) -> None:
+    """Raise DataError if two ids differ as text and are the same number, as 1 and 01: they may be two people."""
+    texts = table.texts(column)
+    spelled = dict(zip(whole.tolist(), texts, strict=True))
+    row = next((row for row, (n, text) in enumerate(zip(whole.tolist(), texts, strict=True)) if spelled[n] != text), -1)
+    if row >= 0:
+        table.refuse(
+            row,
+            f"{table.title(column)}, the id, is {texts[row]!r} here and {spelled[int(whole[row])]!r} elsewhere, which "
+            "are the same number",
+            "Write the id of a person in one form in all rows, and those of other people as other numbers or words.",
+        )
 
 
 def _recording(parts: Sequence[_Part], reading: Reading) -> TrackFile:
