@@ -70,7 +70,7 @@ def test_inspect_fits_the_terminal_and_a_whole_rate_is_written_as_such(capsys, f
 def test_a_misspelt_file_a_rate_that_is_no_number_and_a_file_that_is_no_name(capsys, feet):
     for line, said in (
         (["inspect", "my wlak,1.csv"], "Did you mean `my walk,1.csv`?"),
-        (["inspect", feet, "--fps", "abc"], "`fps=abc` of domain `tracks` must be a number above 0."),
+        (["inspect", feet, "--fps", "abc"], "`fps=abc` of domain `tracks` must be a number"),
         (["check", feet], "It is a file: write `tracks:path='my walk,1.csv'`, with fps=25 or dt=0.4"),
     ):
         with pytest.raises(SystemExit):

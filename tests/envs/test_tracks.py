@@ -244,7 +244,7 @@ def test_sources_are_other_files(tmp_path):
     [
         ({"path": 2024}, r"quote it in a spec"),
         ({"path": ""}, "is not text"),
-        ({"fps": 0}, "`fps=0` of domain `tracks` must be a number above 0"),
+        ({"fps": 0}, "`fps=0` of domain `tracks` must be a number, 0.0001 or more"),
         ({"fps": 25, "dt": 0.4}, "say the same thing"),
         ({"unit": "feet"}, "`unit=feet` of domain `tracks` is not known"),
         ({"step": -1}, "`step=-1`"),

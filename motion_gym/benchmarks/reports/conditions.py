@@ -16,7 +16,8 @@ from motion_gym.contract import FUTURE, DataError
 
 Result = Mapping[str, Any]
 SHARE = re.compile(r": (\d+) of the (\d+) agent-windows")
-"""The counts in ``Scorecard.scored``."""
+LEAST = re.compile(r", at least (\d+) in every window")
+"""The counts in ``Scorecard.scored``: scored agent-windows, and those of the recordings; smallest number of agents."""
 
 
 def unit_of(results: Iterable[Result]) -> str:
@@ -72,12 +73,14 @@ def _who(results: Sequence[Result]) -> str:
     texts = list(dict.fromkeys(result["scored"] for result in results))
     if len(texts) == 1:
         return texts[0]
-    kinds = dict.fromkeys(text.partition(":")[0] for text in texts)
+    kinds = dict.fromkeys(re.split("[,:]", text)[0] for text in texts)
+    fewest = {int(found[1]) if (found := LEAST.search(text)) else 1 for text in texts}
     counts = [SHARE.search(text) for text in texts]
     shares = [100 * int(count[1]) / int(count[2]) for count in counts if count]
     least, most = f"{min(shares, default=0):.0f}", f"{max(shares, default=0):.0f}"
     span_of = "all" if least == "100" else f"{least} %" if least == most else f"{least} to {most} %"
-    return " or ".join(kinds) + (f": {span_of} of the agent-windows of the recordings" if shares else "")
+    windows = f", at least {span(fewest)} in every window" if fewest != {1} else ""
+    return " or ".join(kinds) + windows + (f": {span_of} of the agent-windows of the recordings" if shares else "")
 
 
 def not_computed(results: Sequence[Result]) -> list[str]:

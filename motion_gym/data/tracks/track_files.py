@@ -28,6 +28,8 @@ METRES: Mapping[str, float] = {
     "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254, "yd": 0.9144, "px": 1.0
 }  # fmt: skip
 """Metres of each unit; pixels stay pixels, unless a scale says how many metres they are."""
+RANGES = {"fps": (1e-4, 1e9), "dt": (1e-9, 1e4), "scale": (1e-9, 1e6), "step": (1e-3, 3600), "gap": (0, 1e4)}
+"""Smallest and largest values of the numbers that say how a file is read: frames may be counted in nanoseconds."""
 _RATE = re.compile(r"(?:frame[ _]?rate|fps|hz)", re.IGNORECASE)
 
 
@@ -51,9 +53,9 @@ class Reading:
 
     def __post_init__(self) -> None:
         owner = "domain `tracks`"
-        for name in ("fps", "dt", "scale", "step", "gap"):
+        for name, (least, most) in RANGES.items():
             if getattr(self, name) is not None:
-                number(name, getattr(self, name), above=name != "gap", owner=owner)
+                number(name, getattr(self, name), least, most, owner=owner)
         if self.fps is not None and self.dt is not None:
             raise SpecError(
                 f"`fps={self.fps}` and `dt={self.dt}` of {owner} say the same thing: give fps (frame numbers per "
@@ -328,7 +330,9 @@ def _refuse_duplicates(
         int(rows[second]),
         f"`{names[agent[second]]}` is there a second time at {values[second]} (line {table.lines[rows[first]]}); "
         f"{int(same.sum())} such {'rows' if same.sum() > 1 else 'row'} in all",
-        "Delete one of the two lines, or give the second agent another id. If the file holds several scenes whose "
+        "Add a column of ids and name it in `columns`: without one, a file is of one person."
+        if parts[0].columns.agent is None
+        else "Delete one of the two lines, or give the second agent another id. If the file holds several scenes whose "
         "frames begin anew, make a file of each.",
     )
 
