@@ -10,6 +10,7 @@ import numpy as np
 
 from motion_gym.contract import WINDOW, Recording, SpecError
 from motion_gym.data.domains import RecordedDomain, shared
+from motion_gym.data.recordings import recording_of_scenes
 from motion_gym.data.storage import cached_arrays
 from motion_gym.envs.orca_engine.simulation import ENGINE_VERSION, simulate
 from motion_gym.specs import number, one_of, whole_number
@@ -118,11 +119,7 @@ class Orca(RecordedDomain):
     def recordings(self, split: str) -> list[Recording]:
         """One recording: the scenes of the split one after another, 20 frames each, with a new id for each agent."""
         xy = self.simulated(split)["positions"].astype(np.float64)
-        scenes = len(xy)
-        frame = np.repeat(np.arange(scenes * WINDOW), self.agents)
-        number = np.arange(scenes * self.agents).reshape(scenes, 1, self.agents)
-        agent = np.repeat(number, WINDOW, axis=1).reshape(-1)
-        return [Recording(frame, agent, xy.reshape(-1, 2), self.dt, f"orca {split}")]
+        return [recording_of_scenes(xy, self.dt, f"orca {split}")]
 
     def sources(  # type: ignore[override]
         self, styles: Sequence[float | Mapping[str, Any]] = SOURCE_STYLES

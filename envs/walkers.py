@@ -6,6 +6,7 @@ import numpy as np
 
 from motion_gym.contract import WINDOW, Recording
 from motion_gym.data.domains import RecordedDomain
+from motion_gym.data.recordings import recording_of_scenes
 from motion_gym.specs import number, whole_number
 
 
@@ -76,12 +77,9 @@ class Walkers(RecordedDomain):
         steps = np.arange(-1, WINDOW - 1).reshape(1, WINDOW, 1)  # the first observed step has the first heading
         path = self.speed * self.dt * np.cumsum(_unit(heading + turn * steps), axis=1)
         aside = self.gap * np.arange(self.people)[:, None] * _unit(heading + np.pi / 2)
-        xy = (
-            path[:, :, None] + aside[:, None] + rng.normal(scale=self.noise, size=(self.scenes, WINDOW, self.people, 2))
-        )
-        frame = np.repeat(np.arange(self.scenes * WINDOW), self.people)
-        person = np.repeat(np.arange(self.scenes * self.people).reshape(self.scenes, 1, -1), WINDOW, axis=1)
-        return [Recording(frame, person.reshape(-1), xy.reshape(-1, 2), self.dt, f"walkers {split}")]
+        xy = path[:, :, None] + aside[:, None]
+        xy += rng.normal(scale=self.noise, size=xy.shape)
+        return [recording_of_scenes(xy, self.dt, f"walkers {split}")]
 
     def sources(self) -> list[RecordedDomain]:
         """The same domain, whose splits share no people."""

@@ -70,7 +70,7 @@ def parse_spec(spec: str) -> tuple[str, dict[str, Any]]:
         SpecError: a part that should be ``key=value`` is not, or a key is there twice.
     """
     name, parameters = _parsed(spec)
-    # Most values are numbers and text; to copy only what can change is ten times as fast.
+    # Most values are numbers and text, which nobody can change.
     return name, {k: copy.deepcopy(v) if isinstance(v, (list, dict, set, tuple)) else v for k, v in parameters.items()}
 
 

@@ -178,13 +178,13 @@ def _compare_identity(run: Mapping[str, Any]) -> Iterator[Finding]:
         return
     options = {key: stored[key] for key in OPTIONS}
     try:
-        here = canonical(windows_identity(stored["predictor"], catalog.domain(stored["domain"]), **options))
+        domain: Any = catalog.domain(stored["domain"])
+        here = canonical(windows_identity(stored["predictor"], domain, **options))
     except MotionGymError as error:
         yield Finding(_name(run), UNSURE, str(error))
         return
-    known = catalog.domain(stored["domain"]).parameters  # type: ignore[attr-defined]
-    stated = {key: value for key, value in run["domain"]["parameters"].items() if value is not None}
-    if any(canonical(known).get(key) != value for key, value in stated.items()):
+    known = canonical(domain.parameters)
+    if any(known.get(key) != value for key, value in run["domain"]["parameters"].items() if value is not None):
         yield Finding(_name(run), MISMATCH, "its domain has other parameters than its identity")
         return
     for part, name in (("versions", "version"), ("weights", "digest of the weights"), ("data", "digest of the data")):

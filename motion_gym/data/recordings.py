@@ -101,6 +101,14 @@ def read_recording(
     )
 
 
+def recording_of_scenes(xy: np.ndarray, dt: float, name: str) -> Recording:
+    """One recording of scenes [S, T, N, 2] one after another, T frames each, with a new id for each agent."""
+    scenes, steps, agents = xy.shape[:3]
+    frame = np.repeat(np.arange(scenes * steps), agents)
+    agent = np.repeat(np.arange(scenes * agents).reshape(scenes, 1, agents), steps, axis=1)
+    return Recording(frame, agent.reshape(-1), xy.reshape(-1, 2), dt, name)
+
+
 def check_recording(recording: Recording) -> None:
     """Check the values of a recording that was built in memory, in the same way as a file.
 

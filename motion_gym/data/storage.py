@@ -98,9 +98,9 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
         if isinstance(error, OSError) and not isinstance(error, MotionGymError):
             in_the_way = next((folder for folder in path.parents if folder.exists() and not folder.is_dir()), None)
             reason = f"{in_the_way} is a file, not a folder" if in_the_way else error.strerror or error
-            remedy = "C" if in_the_way else f"Free space in {path.parent} or make it writable, or c"
+            remedy = "Choose" if in_the_way else f"Free space in {path.parent} or make it writable, or choose"
             failure = StorageError(
-                f"{path} could not be written: {reason}. It is as it was. {remedy}hoose another folder (data: "
+                f"{path} could not be written: {reason}. It is as it was. {remedy} another folder (data: "
                 "MOTION_GYM_DATA, cache: MOTION_GYM_CACHE)."
             )
             failure.errno = error.errno

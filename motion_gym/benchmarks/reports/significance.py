@@ -14,7 +14,7 @@ def paired_p(differences: np.ndarray) -> float:
     """
     if np.ptp(differences) == 0:
         return 1.0 if differences[0] == 0 else 0.0
-    from scipy.special import stdtr  # scipy.stats takes a second to import, and ten times as long for each test
+    from scipy.special import stdtr  # scipy.stats takes a second to import
 
     error = differences.std(ddof=1) / len(differences) ** 0.5
     return float(2 * stdtr(len(differences) - 1, -abs(differences.mean() / error)))
